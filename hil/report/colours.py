@@ -20,6 +20,7 @@ _METHODS = {
     "ridge": ("#009E73", "D"),
     "mean": ("#7F7F7F", "X"),
     "constant_velocity": ("#7F7F7F", "v"),
+    "minimum_jerk": ("#BCBD22", "<"),
 }
 
 PERSON = "#8C6BB1"

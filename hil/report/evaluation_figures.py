@@ -23,7 +23,13 @@ _KINDS = {
     "pose": "joint channels", "palm": "palm", "contact_point": "contact point, last 0.3 s",
     "time_to_contact": "time to contact, last 0.3 s",
 }  # fmt: skip
-_NAMES = {**METHODS, "mean": "mean pose", "knn": "nearest neighbours", "constant_velocity": "constant velocity"}
+_NAMES = {
+    **METHODS,
+    "mean": "mean pose",
+    "knn": "nearest neighbours",
+    "constant_velocity": "constant velocity",
+    "minimum_jerk": "least jerk",
+}
 
 
 def errors(result: dict[str, Any]) -> Drawing:
@@ -184,6 +190,6 @@ def _lines(axes: Axes, x: Array, found: horizons.Errors) -> None:
         axes.plot(
             x, CM * values, color=colour, marker=mark, ms=5, lw=1.8 if name == "hgpdm" else 1.1, label=_label(name)
         )
-    trusted = [np.nanmax(values) for name, values in shown.items() if name != "constant_velocity"]
+    trusted = [np.nanmax(values) for name, values in shown.items() if name not in ("constant_velocity", "minimum_jerk")]
     axes.set_ylim(0.0, 130.0 * max(trusted))
     axes.spines["left"].set_color(INK)

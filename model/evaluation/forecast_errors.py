@@ -8,6 +8,7 @@ import numpy as np
 
 from highfive.model.evaluation import metrics
 from highfive.model.evaluation.baselines import RIDGE_PENALTY
+from highfive.model.evaluation.minimum_jerk import reach_end
 from highfive.model.evaluation.predictions import Prediction
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import REGION
@@ -29,7 +30,8 @@ Errors = dict[str, Array]
 def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
     """Errors of the contact point as each method says it :data:`BEFORE` contact.
 
-    ``constant_velocity`` is where the person's palm would be at contact if it went on as it does, given that time.
+    ``constant_velocity`` is where the person's palm would be at contact if it went on as it does, given that time;
+    ``minimum_jerk`` where a reach of the least jerk would end, whose time is not given.
     """
     found: dict[str, list[list[float]]] = {}
     for number, trial in enumerate(trials):
@@ -38,8 +40,9 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Predic
             said = given[number].outputs[:, Channels(joints).contact]
             row = [_nearest(given[number], trial, before) for before in BEFORE]
             found.setdefault(name, []).append([_distance(said, at, ends) for at in row])
-        ahead = [_straight_on(trial, before) for before in BEFORE]
-        found.setdefault("constant_velocity", []).append([float(np.linalg.norm(at - ends)) for at in ahead])
+        for name, ahead in (("constant_velocity", _straight_on), ("minimum_jerk", _smoothly)):
+            row = [float(np.linalg.norm(ahead(trial, before) - ends)) for before in BEFORE]
+            found.setdefault(name, []).append(row)
     return {name: _over_trials(rows) for name, rows in found.items()}
 
 
@@ -157,6 +160,11 @@ def _straight_on(trial: Trial, before: float) -> Array:
         return np.full(3, np.nan)
     velocity = (trial.person_palm[frame] - trial.person_palm[frame - back]) / (back / trial.rate_hz)
     return trial.person_palm[frame] + velocity * before
+
+
+def _smoothly(trial: Trial, before: float) -> Array:
+    frame = trial.contact_frame - round(before * trial.rate_hz)
+    return np.full(3, np.nan) if frame < 2 else reach_end(trial.person_palm[: frame + 1], trial.rate_hz)[0]
 
 
 def _over_trials(rows: Sequence[Sequence[float] | Array], summary: Callable[..., Array] = np.nanmedian) -> Array:

@@ -225,6 +225,12 @@ def print_analysis(result: dict[str, Any]) -> None:
             low, high = one["pse"]["interval"]
             print(f"{condition} {person}: PSE {one['pse']['value']:.3f} ({low:.3f} to {high:.3f}), "
                   f"JND {one['jnd']['value']:.3f}")  # fmt: skip
+    if shift := (result.get("psychometric") or {}).get("pse_shift"):
+        low, high = shift["interval"]
+        print(
+            f"Shift of the PSE, interactive − replay: {shift['mean']:+.3f} ({100.0 * shift['level']:g}% interval "
+            f"{low:+.3f} to {high:+.3f}), P that it is above 0: {shift['p_positive']:.3f}"
+        )
     for name, asked in result.get("questionnaires", {}).items():
         _print_questionnaire(name, asked)
     if "timing" in result:

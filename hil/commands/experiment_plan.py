@@ -74,12 +74,23 @@ def plan(options: PlanOptions, bar: Bar) -> dict[str, Any]:
         advance = bar("plans", len(plans))
         write_study(options.study, options.file, protocol, new)
         advance("written", len(plans))
-        try:
-            picture = to_png(plan_figure.draw_plans(protocol, plans).figure)
-            write_whole(options.study / PICTURE, picture)
-        except OSError as error:
-            raise HighFiveError(f"cannot write {options.study / PICTURE}: {error.strerror or error}") from None
+        draw_picture(options.study, protocol, plans)
     return _result(protocol, plans, new, options.study)
+
+
+def draw_picture(study: Path, protocol: Protocol, plans: Sequence[Plan]) -> None:
+    """The picture of some plans, in the study's folder; of none, there is none.
+
+    Raises:
+        HighFiveError: it cannot be written.
+    """
+    try:
+        if plans:
+            write_whole(study / PICTURE, to_png(plan_figure.draw_plans(protocol, plans).figure))
+        else:
+            (study / PICTURE).unlink(missing_ok=True)
+    except OSError as error:
+        raise HighFiveError(f"cannot write {study / PICTURE}: {error.strerror or error}") from None
 
 
 def _result(protocol: Protocol, plans: Sequence[Plan], new: Sequence[Plan], study: Path) -> dict[str, Any]:

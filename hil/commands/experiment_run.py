@@ -12,7 +12,7 @@ from highfive.hil.commands.experiment_options import RunOptions
 from highfive.hil.commands.simulated_participant import PageInProcess
 from highfive.hil.experiments.conduct import Conducted, conduct
 from highfive.hil.experiments.desk import Desk
-from highfive.hil.experiments.observer import SimulatedParticipant, read_observer
+from highfive.hil.experiments.observer import SimulatedParticipant, check_labels, read_observer
 from highfive.hil.experiments.protocol import Motion, Protocol
 from highfive.hil.experiments.stage import EmptyStage, RunFailedError, Stage
 from highfive.hil.experiments.study import (
@@ -46,6 +46,8 @@ def run(options: RunOptions, bar: Bar, wiring: LiveWiring | None = None) -> dict
     protocol, plan = study_protocol(options.study), stored_plan(options.study, options.participant)
     check_planned(options.study, protocol)
     observer = None if options.simulated is None else read_observer(options.simulated)
+    if observer is not None:
+        check_labels(observer, protocol.labels, str(options.simulated))
     _check(options, protocol)
     language = _language(options, protocol)
     consent = _consent(options, plan.consent)

@@ -45,6 +45,7 @@ from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.tracking.filter_settings import HEADSET
+from highfive.model.compiled import when_compiling
 from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
@@ -108,6 +109,7 @@ def open_stage(
     beside = registered_headset(chain, live)
     chain = with_arm(chain, live, stack, wiring)
     publishers = open_publishers(chain, stack)
+    stack.enter_context(when_compiling(lambda: say_aside("compiling, once after installing: a minute or two")))
     model, scene = open_model(chain.model), build_scene()
     clips = None if options.clips is None else load_clips(options.clips, protocol)
     if clips is None:

@@ -175,7 +175,7 @@ class AvatarStage:
         )
         tick = replace(chain.step(nobody, 0), person=person)
         self._playout.reset(tick.pose, tick.person, tick.time_ns)
-        self._view.watch(tick)
+        self._view.show(tick)
 
     def shown_ns(self) -> int | None:
         """See :class:`highfive.hil.experiments.stage.Stage`."""
@@ -328,6 +328,7 @@ class AvatarStage:
         return Played(
             ended_ns=witness.ended_ns, contact_ns=contact_ns if witness.switched_ns is None else witness.switched_ns,
             peak_speed=round(witness.peak_speed, 5), longest_gap_s=round(1e-9 * witness.longest_gap_ns, 5),
+            stalled_s=round(1e-9 * witness.stalled_ns, 5),
             frame=None if frame is None else frame.number,
             source_ns=witness.own_stamp_ns, arrival_ns=None if frame is None else frame.arrival_time_ns,
             tick_ns=None if at is None else at.at_ns, recording=self._file,

@@ -7,10 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from highfive.hil.commands.shown_again import ShownAgain
-from highfive.hil.session.session import Tick, TickInput
+from highfive.hil.session.session import RATE_HZ, Tick, TickInput
 from highfive.hil.sim.playout import PlayState
 from highfive.hil.trials.events import TrialEvents
 from highfive.hil.trials.live_partner import LiveTrial
+
+TWO_TICKS_NS = round(2e9 / RATE_HZ)
 
 
 @dataclass
@@ -21,7 +23,7 @@ class TrialWitness:
         live: the live person's trial, whose source stamps its frames itself; None of a simulated one.
         acts: palms that meet are the contact.
         again: what shows a contact again; None where nothing does.
-        longest_gap_ns: between two ticks.
+        longest_gap_ns, stalled_ns: between two ticks; all gaps as far as they are beyond two ticks.
         peak_speed: of the person's palm, m/s.
         met, last: the tick of the contact; the last one with a frame.
         ended_ns: of the last tick.
@@ -33,6 +35,7 @@ class TrialWitness:
     acts: bool
     again: ShownAgain | None = None
     longest_gap_ns: int = 0
+    stalled_ns: int = 0
     peak_speed: float = 0.0
     met: TickInput | None = None
     last: TickInput | None = None
@@ -47,7 +50,9 @@ class TrialWitness:
     def __call__(self, begins: TickInput, tick: Tick, state: PlayState) -> None:
         """A tick that was played."""
         if self.ended_ns:
-            self.longest_gap_ns = max(self.longest_gap_ns, begins.at_ns - self.ended_ns)
+            gap_ns = begins.at_ns - self.ended_ns
+            self.longest_gap_ns = max(self.longest_gap_ns, gap_ns)
+            self.stalled_ns += max(gap_ns - TWO_TICKS_NS, 0)
         self.ended_ns = begins.at_ns
         person = tick.sighting.person if tick.sighting is not None else tick.person
         if person.valid:

@@ -168,6 +168,7 @@ def _answered(run: _Run, weights: Mapping[str, float], cue_ns: int | None, playe
         rt_contact_s=_seconds(played.contact_ns, sheet.answer_ns), certainty=sheet.values.get(CERTAINTY),
         ratings={name: value for name, value in sheet.values.items() if name != CERTAINTY},
         peak_speed=played.peak_speed, motion_s=_seconds(cue_ns, played.ended_ns), longest_gap_s=played.longest_gap_s,
+        stalled_s=played.stalled_s,
         cue_ns=cue_ns, contact_ns=played.contact_ns, ended_ns=played.ended_ns,
         asked_ns=sheet.opened_ns, answer_ns=sheet.answer_ns, source_ns=played.source_ns,
         arrival_ns=played.arrival_ns, tick_ns=played.tick_ns, shown_ns=run.stage.shown_ns(), frame=played.frame,

@@ -161,9 +161,9 @@ class Desk:
             before = sheet.open
             for said in self.look():
                 sheet, wrong = heard(sheet, said.name, said.value, self._clock.now())
-                if wrong:
-                    self._page.tell("say", message=wrong)
-                    self.tell(message=wrong)
+                if wrong is not None:
+                    self._page.tell("say", message=self._words[wrong.word])
+                    self.tell(message=wrong.detail)
             sheet = timed_out(sheet, self._clock.now())
             if sheet.open not in (before, ""):
                 self._page.tell("say", message="")

@@ -13,6 +13,8 @@ from highfive.model.errors import HighFiveError
 
 BEYOND = "Not reached: exports and backups elsewhere, and the key that says who the code is; delete those yourself."
 
+_MADE = ("dataset_description.json", "report.json")
+"""What an export, and an analysis, have in their folder."""
 _TEXTS = {".csv", ".html", ".json", ".jsonl", ".log", ".md", ".svg", ".toml", ".tsv", ".txt"}
 
 
@@ -25,12 +27,14 @@ class Forgotten:
         deleted: files, below the study.
         shown_to: participants whose plans and recordings have her trials: she moves in them.
         mentioned: other files of the study in whose name or text the code is.
+        beside: exports and results in the folder that the study is in, in whose files the code is.
     """
 
     participant: str
     deleted: tuple[str, ...]
     shown_to: tuple[str, ...]
     mentioned: tuple[str, ...]
+    beside: tuple[str, ...]
 
 
 def forget(study: Path, code: str) -> Forgotten:
@@ -60,8 +64,15 @@ def forget(study: Path, code: str) -> Forgotten:
     others = {parts[1] for name in mentions if (parts := Path(name).parts)[0] == PARTICIPANTS and len(parts) > 2}
     return Forgotten(
         code, tuple(deleted), tuple(sorted(others)),
-        tuple(name for name in mentions if Path(name).parts[0] != PARTICIPANTS),
+        tuple(name for name in mentions if Path(name).parts[0] != PARTICIPANTS), tuple(_beside(study, code)),
     )  # fmt: skip
+
+
+def _beside(study: Path, code: str) -> list[str]:
+    """Folders beside the study that one of our commands has written, and in which the code stands."""
+    there = sorted(path for path in study.resolve().parent.iterdir() if path.is_dir() and path != study.resolve())
+    made = [path for path in there if any((path / name).is_file() for name in _MADE)]
+    return [path.name for path in made if _mentions(path, code)]
 
 
 def _mentions(study: Path, code: str) -> list[str]:

@@ -156,8 +156,17 @@ def _missing_before(one: LogContent, read: LogContent, open_ask: int | None) -> 
 
 def _other_than_planned(row: TrialRow, plan: Plan) -> str:
     """What of a row is not as the plan of its log has it; empty where all is."""
-    if row.answer not in ("", *plan.keys):
-        return f"answer is {row.answer!r}, expected {', '.join(plan.keys)}"
+    key = plan.keys.get(row.answer, "")
+    answer_ns, asked_ns = row.answer_ns or 0, row.asked_ns or 0
+    impossible = (
+        (row.answer not in ("", *plan.keys), f"answer is {row.answer!r}, expected {', '.join(plan.keys)}"),
+        (row.key not in ("", key), f"key is {row.key!r}, the plan has {key!r} for {row.answer or 'no answer'}"),
+        (not 0.0 <= (row.certainty or 0.0) <= 1.0, f"certainty is {row.certainty}, expected 0 to 1"),
+        ((row.rt_s or 0.0) < 0.0, f"rt_s is {row.rt_s}, expected 0 or more"),
+        (row.answer_ns is not None and answer_ns < asked_ns, f"answer_ns is {answer_ns}, before it was asked"),
+    )
+    if found := next((why for holds, why in impossible if holds), ""):
+        return found
     planned = next((trial for trial in plan.trials if trial.name == row.trial), None)
     if planned is None:
         return f"trial {row.trial} is in no plan"

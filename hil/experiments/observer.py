@@ -7,7 +7,7 @@ run that was killed and resumed gets the same answers to the same trials.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -157,6 +157,21 @@ def read_observer(path: Path) -> Observer:
         rt_spread=given("spread", usual.rt_spread, 0.0, 5.0),
         silent=given("silent", usual.silent, 0.0, 1.0),
     )
+
+
+def check_labels(observer: Observer, labels: Collection[str], where: str) -> None:
+    """What a simulated participant confuses are answers that there are.
+
+    Raises:
+        HighFiveError: one is not.
+    """
+    for name, seen in (("interactive", observer.interactive), ("replay", observer.replay)):
+        for style, shares in seen.confusion.items():
+            if strange := [label for label in shares if label not in labels]:
+                raise HighFiveError(
+                    f"simulated participant {where}: {name}.confusion.{style} has {strange[0]!r}; the answers are "
+                    f"{', '.join(labels)}"
+                )
 
 
 def _perception(data: Mapping[str, Any], name: str, where: str) -> Perception:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 from highfive.hil.experiments.protocol import CERTAINTY, Protocol, Rating
 
@@ -71,8 +71,20 @@ class Sheet:
         return (self.answer_ns or self.opened_ns) + round(S * self.question.limit_s)
 
 
-def heard(sheet: Sheet, name: str, value: Any, now_ns: int) -> tuple[Sheet, str]:
-    """The sheet after a message, and what is to be said to it; nothing where all is well.
+class Wrong(NamedTuple):
+    """Why a message changed nothing.
+
+    Attributes:
+        word: of :data:`highfive.hil.experiments.words.PAGE`, for who takes part.
+        detail: for the experimenter.
+    """
+
+    word: str
+    detail: str
+
+
+def heard(sheet: Sheet, name: str, value: Any, now_ns: int) -> tuple[Sheet, Wrong | None]:
+    """The sheet after a message, and what is wrong with that; None where all is well.
 
     Args:
         sheet: so far.
@@ -82,14 +94,14 @@ def heard(sheet: Sheet, name: str, value: Any, now_ns: int) -> tuple[Sheet, str]
         now_ns: when it came.
     """
     if sheet.done:
-        return sheet, "too late: this trial is over"
+        return sheet, Wrong("too_late", "too late: this trial is over")
     if name == ANSWER:
         return _answered(sheet, str(value["key"]), _time_of(value.get("at_ms"), now_ns))
     if sheet.answer_ns is None:
-        return sheet, "the answer comes first"
+        return sheet, Wrong("no_key", "the answer comes first")
     if name == RATE:
         return _rated(sheet, str(value["name"]), float(value["value"]))
-    return replace(sheet, done=True), ""
+    return replace(sheet, done=True), None
 
 
 def timed_out(sheet: Sheet, now_ns: int) -> Sheet:
@@ -105,30 +117,31 @@ def why_excluded(sheet: Sheet) -> str:
     return f"answered after {limit}" if sheet.late else ""
 
 
-def _answered(sheet: Sheet, key: str, at_ns: int) -> tuple[Sheet, str]:
+def _answered(sheet: Sheet, key: str, at_ns: int) -> tuple[Sheet, Wrong | None]:
     if sheet.answer_ns is not None:
-        return sheet, f"{sheet.answer} was answered already: the first answer counts"
+        return sheet, Wrong("answered", f"{sheet.answer} was answered already: the first answer counts")
     if at_ns < sheet.opened_ns:
-        return sheet, "not yet: the answer is given when the motion is over"
+        return sheet, Wrong("not_yet", "not yet: the answer is given when the motion is over")
     keys = sheet.question.keys
     label = next((one for one, own in keys.items() if key.lower() in (own.lower(), one.lower())), None)
     if label is None:
         meant = ", ".join(f"{own} {one}" for one, own in keys.items())
-        return sheet, f"{key!r} means nothing here; the keys are {meant}"
+        return sheet, Wrong("no_key", f"{key!r} means nothing here; the keys are {meant}")
     late = at_ns > sheet.until_ns
     done = late or not sheet.question.sliders
-    return replace(sheet, answer=label, key=keys[label], answer_ns=at_ns, done=done, late=late), ""
+    return replace(sheet, answer=label, key=keys[label], answer_ns=at_ns, done=done, late=late), None
 
 
-def _rated(sheet: Sheet, name: str, value: float) -> tuple[Sheet, str]:
+def _rated(sheet: Sheet, name: str, value: float) -> tuple[Sheet, Wrong | None]:
     sliders: Sequence[Rating] = sheet.question.sliders
     slider = next((one for one in sliders if one.name == name), None)
     if slider is None:
-        return sheet, f"{name!r} is not asked; asked are {', '.join(one.name for one in sliders) or 'none'}"
+        asked = ", ".join(one.name for one in sliders) or "none"
+        return sheet, Wrong("no_key", f"{name!r} is not asked; asked are {asked}")
     low, high = (1.0, float(slider.points)) if slider.points else (0.0, 1.0)
     if not low <= value <= high:
-        return sheet, f"{name} is {value:g}, expected {low:g} to {high:g}"
-    return replace(sheet, values={**sheet.values, name: value}), ""
+        return sheet, Wrong("no_key", f"{name} is {value:g}, expected {low:g} to {high:g}")
+    return replace(sheet, values={**sheet.values, name: value}), None
 
 
 def _time_of(at_ms: float | None, now_ns: int) -> int:

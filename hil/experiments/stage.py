@@ -53,7 +53,7 @@ class Played:
         ended_ns: when the motion was over.
         contact_ns: when palms met, or were shown to meet again; None if they did not.
         peak_speed: of the person's palm, m/s.
-        longest_gap_s: the longest time between two ticks.
+        longest_gap_s, stalled_s: the longest time between two ticks; all of them as far as they are beyond two ticks.
         frame, source_ns, arrival_ns, tick_ns: of the frame in which palms met, or the motion ended: its number, by the
             source's own clock, as it came, for when its pose was. None of what is not known.
         recording: file beside the log that holds the motion; empty where there is none.
@@ -63,6 +63,7 @@ class Played:
     contact_ns: int | None = None
     peak_speed: float | None = None
     longest_gap_s: float | None = None
+    stalled_s: float | None = None
     frame: int | None = None
     source_ns: int | None = None
     arrival_ns: int | None = None

@@ -73,6 +73,8 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
         for path in sorted(participant_folder(study, code).glob(f"session-*/{LOG}"), key=session_number)
         for row in read_session(study, code, session_number(path)).rows
     ]
+    for row in rows:
+        _check_ratings(row, protocol)
     if not rows:
         raise HighFiveError(f"{study} holds no answers; run the experiment first (highfive experiment run)")
     people = any(not row.simulated for row in rows)
@@ -98,6 +100,18 @@ def codes(study: Path, protocol: Protocol) -> list[str]:
     """Of all who were planned, also of who was forgotten since, and of who is there."""
     planned = {protocol.code(number) for number in range(1 - protocol.needs_donor, protocol.participants + 1)}
     return sorted(planned | set(participants(study)))
+
+
+def _check_ratings(row: TrialRow, protocol: Protocol) -> None:
+    ends = {one.name: (1.0, float(one.points)) if one.points else (0.0, 1.0) for one in protocol.ratings}
+    for name, value in row.ratings.items():
+        low, high = ends.get(name, (1.0, 0.0))
+        if not low <= value <= high:
+            said = f"expected {low:g} to {high:g}" if name in ends else f"rated are {', '.join(ends) or 'none'}"
+            raise HighFiveError(
+                f"the log of {row.participant}, session {row.session}, trial {row.trial}: {name} is {value:g}, {said}; "
+                "take it from a backup"
+            )
 
 
 def _why(row: TrialRow, people: bool, fillers: set[str], pilot: str) -> str:

@@ -18,6 +18,7 @@ MEANING: Mapping[str, str] = {
     "peak_speed": "Largest speed of the person's palm, m/s.",
     "motion_s": "From the cue to the end of the motion, s.",
     "longest_gap_s": "Longest time between two ticks of the motion, s; more than 1/120 where something stood still.",
+    "stalled_s": "All times between ticks together, as far as each is beyond two ticks (1/60 s), s.",
     "cue_ns": f"The person was told to begin, {_CLOCK}.",
     "contact_ns": f"The palms met, or were shown to meet again; in clips, the shoulder was tapped, {_CLOCK}.",
     "ended_ns": f"The motion was over, {_CLOCK}.",

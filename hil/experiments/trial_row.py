@@ -26,8 +26,8 @@ class Outcome:
         ratings: name -> value.
         peak_speed: of the person's palm, m/s: the avatar's follows it, whatever the style.
         motion_s: from the cue to the motion's end.
-        longest_gap_s: the longest time between two of its ticks: more than 1/120 s where the computer, or what tracks
-            her, stood still.
+        longest_gap_s, stalled_s: the longest time between two of its ticks, more than 1/120 s where the computer, or
+            what tracks her, stood still; and all such times together, as far as they are beyond two ticks.
         cue_ns, contact_ns, ended_ns, asked_ns, answer_ns: when they were: the motion ended, the question opened. In a
             replay the contact is that which is shown.
         source_ns, arrival_ns, tick_ns, shown_ns: of the frame in which palms met (or the motion ended): by the source's
@@ -49,6 +49,7 @@ class Outcome:
     peak_speed: float | None = None
     motion_s: float | None = None
     longest_gap_s: float | None = None
+    stalled_s: float | None = None
     cue_ns: int | None = None
     contact_ns: int | None = None
     ended_ns: int | None = None
@@ -109,7 +110,7 @@ class TrialRow(Outcome):
 
 
 COLUMNS = [one.name for one in fields(TrialRow)]
-SINCE = {"motion_s": None, "longest_gap_s": None, "language": ""}
+SINCE = {"motion_s": None, "longest_gap_s": None, "stalled_s": None, "language": ""}
 """Columns that earlier logs lack, and what they read as there."""
 _KINDS: dict[str, type] = {"str": str, "int": int, "float": float, "bool": bool}
 

@@ -40,6 +40,10 @@ PAGE: Mapping[str, str] = {
     "pause": "A pause: it goes on soon.",
     "finished": "That was all. Thank you.",
     "ends": "It ends here for now.",
+    "no_key": "That key means nothing here.",
+    "not_yet": "Not yet: answer when the motion is over.",
+    "answered": "The first answer counts.",
+    "too_late": "Too late: this trial is over.",
 }
 """What is written, or said, there; of every language the same names."""
 _SLIDER = ("text", "low", "high")

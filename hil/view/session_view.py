@@ -152,6 +152,12 @@ class SessionView:
         """
         self._obey()
         self.hear_shown()
+        self.show(tick)
+        if self._wish and not self._arm:
+            raise Interruption(self._wish)
+
+    def show(self, tick: Tick) -> None:
+        """Shows a tick that was played, whatever is asked for."""
         data, markers = self._playout.data, tick.markers
         self._latest = PoseMessage(
             0, self._begins_ns, self._captured_ns, 0, 1.0, 1e-9 * tick.time_ns,
@@ -165,8 +171,6 @@ class SessionView:
         if self._count % STATES_EVERY == 0:
             self._page.tell("state", **self._state(tick, distance))
         self._count += 1
-        if self._wish and not self._arm:
-            raise Interruption(self._wish)
 
     def hear_shown(self) -> None:
         """Hands on the pictures that pages say they have shown since the last call."""

@@ -38,13 +38,13 @@ def reach_end(palm: Array, rate_hz: float) -> tuple[Array, float]:
     for onset in dict.fromkeys(max(fast - round(lead * rate_hz), 0) for lead in LEADS):
         way = palm[onset:] - palm[onset]
         passed: Array = np.arange(len(palm) - onset) / rate_hz
-        for duration in DURATIONS:
+        for duration in DURATIONS.tolist():
             if float(passed[-1]) >= duration:
                 continue
             u = passed / duration
-            share = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
-            end = share @ way / (share @ share)
-            miss = float(np.mean((way - share[:, None] * end) ** 2))
+            share: Array = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+            end: Array = share @ way / (share @ share)
+            miss = float(np.sum((way - share[:, None] * end) ** 2)) / len(way)
             if miss < best[0]:
                 best = (miss, palm[onset] + end, float(duration - passed[-1]))
     return best[1], best[2]

@@ -42,7 +42,8 @@ def methods(study: Path, found: StudyRows, level: float, rules: ExclusionRules |
     """
     parts = [
         _participants(found), _apparatus(found.protocol, found.rows, _recorded_with(study, found)),
-        _procedure(found.protocol), _answers(found.protocol), _data(found, rules), _analysis(found.protocol, level),
+        _procedure(found.protocol), _answers(found.protocol), _data(found, rules),
+        _analysis(found.protocol, level, simulated=found.simulated),
         _software(found),
     ]  # fmt: skip
     heading = "# Methods\n\nMade by `highfive experiment analyse`; what stands in [brackets] is yours to fill in.\n\n"
@@ -117,9 +118,8 @@ def _procedure(protocol: Protocol) -> str:
         f"all orders that keep to this being equally likely.{replay} A cue began each trial {timing.between_s:g} s "
         "after "
         f"the last answer; trials of more than {timing.trial_s:g} s were broken off, answers later than "
-        f"{timing.answer_s:g} s do not count. A block that was interrupted for more than {timing.pause_s / 60:g} min "
-        "began "
-        "again."
+        f"{timing.answer_s:g} s do not count. A block in which the run was stopped, or interrupted for more than "
+        f"{timing.pause_s / 60:g} min, began again."
     )
 
 
@@ -158,16 +158,15 @@ def _data(found: StudyRows, rules: ExclusionRules | None) -> str:
     )
 
 
-def _analysis(protocol: Protocol, level: float) -> str:
+def _analysis(protocol: Protocol, level: float, *, simulated: bool) -> str:
     h, p = HierarchySettings(), PsychometricSettings()
     if protocol.morph is None:
         text = (
             "Recognition in interaction and replay was compared by a hierarchical model of each participant's "
             "empirical "
             f"logit difference; beforehand the mean effect is N({h.centre:g}, {h.spread:g}²) logit and the standard "
-            f"deviation between participants half-normal with scale {h.between:g}. Rates by the rules of the source "
-            "study "
-            f"({_SOURCE}) are reported beside it"
+            f"deviation between participants half-normal with scale {h.between:g}"
+            + ("" if simulated else f". Rates by the rules of the source study ({_SOURCE}) are reported beside it")
         )
     else:
         kind = "constant levels" if not protocol.morph.adaptive else (

@@ -21,7 +21,7 @@ from highfive.mocap_bridge.files.xdf import XdfStream, named, read_xdf
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
-MARKERS, CONTACT = "HighFive-Events", "contact"
+MARKERS, CONTACTS = "HighFive-Events", ("contact", "tapped")
 EVENTS = ("cue", "contact", "ended", "asked", "answer", "shown")
 """Of a row: its columns of these names in ``_ns``."""
 SAME_S = 1e-4
@@ -110,7 +110,7 @@ def _is_contact(row: tuple[str, ...]) -> bool:
         said = json.loads(row[0])
     except (ValueError, IndexError):
         return False
-    return isinstance(said, dict) and said.get("event") == CONTACT
+    return isinstance(said, dict) and said.get("event") in CONTACTS
 
 
 def _nearest(times: Array, others: Array) -> Array:

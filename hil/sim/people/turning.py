@@ -58,12 +58,13 @@ class TurnStyle:
 
 
 TURNS: dict[str, TurnStyle] = {
-    "neutral": TurnStyle(0.35, 1.20, 0.20, 0.00, 0.00, 0, 0, 0, 4, 6, 14, 18),
-    "fearful": TurnStyle(0.12, 0.60, 0.06, 0.16, 0.05, -6, 8, 13, 38, 12, 95, 30),
-    "angry": TurnStyle(0.18, 0.52, 0.04, -0.12, 0.01, 14, 4, 9, 12, 20, 48, 65),
+    "neutral": TurnStyle(0.35, 1.20, 0.20, 0.12, 0.00, 0, 0, 0, 4, 6, 14, 18),
+    "fearful": TurnStyle(0.12, 0.60, 0.06, 0.26, 0.05, -6, 8, 13, 38, 12, 95, 30),
+    "angry": TurnStyle(0.18, 0.52, 0.04, 0.08, 0.01, 12, 4, 9, 12, 20, 48, 65),
 }
-"""The three styles of the source study, by name."""
-_BEFORE = TURNS["neutral"]
+"""The three styles of the source study, by name. All draw back: who taps a shoulder stands so near that a face would
+fill her view, and an angry one, which leans forward, be inside of her."""
+_BEFORE = replace(TURNS["neutral"], away=0.0)
 """How the actor stands with the back to who taps, whatever the emotion: nothing is to be seen before the tap."""
 
 

@@ -18,6 +18,7 @@ from highfive.hil.commands.shown_again import RecordedMotion, recorded_motion
 from highfive.hil.experiments.stage import TrialBrokenOffError
 from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.sim.people.capture import AVATAR_SET, Defects, markers_of, record
 from highfive.hil.sim.people.turning import turning
 from highfive.hil.trials.live_partner import LivePerson, live_source
@@ -85,13 +86,17 @@ def test_the_back_is_shown_until_the_tap_then_the_clip_and_a_replay_shows_both_a
     with ExitStack() as stack:
         run = VirtualStage(clock, stack, tmp_path, template="tipping", clips=clips)
         first = run.play("I1", "interactive", 1, style="fearful", clip=2, cell="")
-        run.play("I2", "interactive", 2, style="angry", clip=1, cell="")
+        angry = run.play("I2", "interactive", 2, style="angry", clip=1, cell="")
         again = run.play("R1", "own_replay", 3, first, style="fearful", clip=2, cell="")
         assert run.stage.shown_ns() is None  # pages tell some pictures later, while she answers
         run.page.tells = True
         tap_ns = run.stage.shown_ns()
         run.stage.close()
-        acted, watched = shown(run, first), shown(run, again)
+        acted, watched, near = shown(run, first), shown(run, again), shown(run, angry)
+    skeleton = avatar_skeleton()
+    positions, _ = skeleton.forward_kinematics(near.poses[-1].root_in_world[None], near.poses[-1].quaternions[None])
+    head = positions[0, skeleton.index("head")]
+    assert 0.35 < np.linalg.norm(head - near.people[-1].head_position) < 0.8  # a face, and not the inside of a head
     assert again.contact_ns is not None and tap_ns is not None and again.ended_ns is not None
     assert again.contact_ns <= tap_ns < again.contact_ns + 10**8 < again.ended_ns  # the tap, as it is shown again
     clip = clips["fearful", 2]

@@ -62,8 +62,12 @@ def test_from_a_template_to_plans_and_back_to_nobody(highfive, tmp_path: Path) -
     said = json.loads(out)
     assert code == 0 and said["deleted"] and "exports and backups elsewhere" in said["beyond"]
     assert not (tmp_path / "s" / "participants" / "P02").exists()
+    drawn = (tmp_path / "s" / "plan.png").read_bytes()
     code, out, _ = highfive("forget", "P03", "--study", "s")
-    assert code == 0 and "P03: 2 files deleted in s" in out
+    assert code == 0 and "P03: 2 files deleted in s" in out and "plan.png was drawn again without her" in out
+    assert (tmp_path / "s" / "plan.png").read_bytes() != drawn
+    code, out, _ = highfive("forget", "P01", "--study", "s")
+    assert code == 0 and "plan.png was deleted" in out and not (tmp_path / "s" / "plan.png").exists()
 
 
 def test_bad_input_is_one_line(highfive, tmp_path: Path) -> None:

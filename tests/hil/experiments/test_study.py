@@ -115,7 +115,13 @@ def test_who_is_forgotten_is_nowhere_but_where_it_is_said(tmp_path: Path) -> Non
     (folder / "participants" / "P01" / "session-1" / "session.mcap").write_bytes(b"x")
     (folder / "report.html").write_text("P01 and P010")
     (folder / "other.html").write_text("P010")
+    (tmp_path / "exported" / "sub-P01").mkdir(parents=True)
+    (tmp_path / "exported" / "dataset_description.json").write_text("{}")
+    (tmp_path / "exported" / "participants.tsv").write_text("sub-P01\n")
+    (tmp_path / "somebodys").mkdir()
+    (tmp_path / "somebodys" / "P01.txt").write_text("not ours")
     found = forget(folder, "P01")
+    assert found.beside == ("exported",)
     assert "participants/P01/session-1/session.mcap" in found.deleted
     assert found.shown_to == ("P02",) and found.mentioned == ("report.html",)
     assert not (folder / "participants" / "P01").exists()

@@ -402,3 +402,23 @@ def test_a_row_twice_and_numbers_that_are_none_are_damage(
     path.write_bytes(b"\n".join(change(path.read_bytes().splitlines())) + b"\n")
     with pytest.raises(HighFiveError, match=says):
         read_session(tipping, "P01", 1)
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "says"),
+    [
+        ("rt_s", -5.0, "rt_s is -5.0, expected 0 or more"),
+        ("certainty", 7.5, "certainty is 7.5, expected 0 to 1"),
+        ("key", "q", "key is 'q', the plan has"),
+        ("answer_ns", 5, "answer_ns is 5, before it was asked"),
+    ],
+)
+def test_what_no_answer_can_be_is_damage(tipping: Path, name: str, value: object, says: str) -> None:
+    with open_log(tipping, head(), resume=False) as log:
+        answer(log, 2, rt_s=1.0, certainty=0.5, asked_ns=10, answer_ns=20)
+    path = log_path(tipping)
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    lines[2][name] = value
+    path.write_text("".join(json.dumps(line) + "\n" for line in lines), encoding="utf-8")
+    with pytest.raises(HighFiveError, match=f"line 3: {says}"):
+        read_session(tipping, "P01", 1)

@@ -42,11 +42,11 @@ def recorders_s(host_s: float) -> float:
     return 70.0 + (host_s - 39_000.0) * (1.0 + 50e-6)
 
 
-def file_of(path: Path, rows: list[TrialRow], late_s: float = 0.0) -> Path:
+def file_of(path: Path, rows: list[TrialRow], late_s: float = 0.0, event: str = "contact") -> Path:
     """Markers of what happened, and an amplifier beside them; the clock is measured to a millisecond or so."""
     rng = np.random.default_rng(1)
     markers = [
-        (1e-9 * row.contact_ns + late_s, (json.dumps({"event": "contact", "trial": row.ask - 1}),))
+        (1e-9 * row.contact_ns + late_s, (json.dumps({"event": event, "trial": row.ask - 1}),))
         for row in rows
         if row.contact_ns is not None
     ]
@@ -58,11 +58,12 @@ def file_of(path: Path, rows: list[TrialRow], late_s: float = 0.0) -> Path:
     return write_xdf(path, [eeg, Written("HighFive-Events", "Markers", 0.0, "string", markers, offsets)])
 
 
+@pytest.mark.parametrize("event", ["contact", "tapped"])
 def test_each_event_has_its_time_there_within_two_milliseconds(
-    made: tuple[Path, list[TrialRow]], tmp_path: Path
+    made: tuple[Path, list[TrialRow]], tmp_path: Path, event: str
 ) -> None:
     folder, rows = made
-    path = file_of(tmp_path / "lab.xdf", rows)
+    path = file_of(tmp_path / "lab.xdf", rows, event=event)
     result = analyse(AnalyseOptions(None, study=folder, xdf=(path,), out=tmp_path / "out"))
     with (tmp_path / "out" / XDF_EVENTS).open(newline="", encoding="utf-8") as file:
         found = list(csv.DictReader(file))

@@ -57,6 +57,9 @@ def train(
     seed: Seed = 0,
     restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
     iterations: Annotated[int | None, typer.Option(min=1, help="Steps of training (default: the preset's).")] = None,
+    whole_arm: Annotated[
+        bool, typer.Option("--whole-arm", help="Elbow, shoulder and head, too, tell where and when palms meet.")
+    ] = False,
     overwrite: OverwriteFile = False,
     json: Json = False,
 ) -> None:
@@ -64,7 +67,19 @@ def train(
     from highfive.hil.commands.train import TrainOptions, after_interruption, summary, train  # noqa: PLC0415
 
     options = TrainOptions(
-        data, out, preset, inducing, human, avatar, human_set, avatar_set, seed, overwrite, restarts, iterations
+        data,
+        out,
+        preset,
+        inducing,
+        human,
+        avatar,
+        human_set,
+        avatar_set,
+        seed,
+        overwrite,
+        restarts,
+        iterations,
+        whole_arm,
     )
     with progress_bars() as bar:
         try:

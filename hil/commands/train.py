@@ -45,6 +45,7 @@ class TrainOptions:
     overwrite: bool
     restarts: int = 1
     iterations: int | None = None
+    whole_arm: bool = False
 
     @property
     def checkpoint(self) -> Path:
@@ -88,6 +89,7 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         checkpoint=options.checkpoint,
         restarts=options.restarts,
         say=say_aside,
+        whole_arm=options.whole_arm,
     )
     try:
         save_model(model, options.out, replace=options.overwrite)

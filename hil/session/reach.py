@@ -172,6 +172,7 @@ class Reach:
         self._touched = self._lost = False
         self._familiar = True
         self._expects = np.inf
+        self._told = (0.0, 0.0)
         self._ahead = 0.0
         self._slow = np.zeros((2, 3))
         self._ease = np.zeros((2, 3))
@@ -312,7 +313,7 @@ class Reach:
         self._ahead += share * (min(self._remaining, self._expects) - self._ahead)
         self._ahead = min(self._ahead, self._remaining)
         ahead = self._landing(self._ahead)
-        raw = self._bent(gap + 0.5 * self._gap_velocity * ahead + self._forecast(person, expectation, ahead))
+        raw = self._bent(gap + 0.5 * self._gap_velocity * ahead + self._forecast(person, expectation, ahead, dt))
         miss = self._smooth(raw, dt)
         turn = turn_between(generated.normal, -person.normal)
         if self._lost:  # a hand that comes back is not where it was left: the difference runs out
@@ -322,13 +323,19 @@ class Reach:
         self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
         self._miss, self._turn = miss, turn
 
-    def _forecast(self, person: PalmPose, expectation: Expectation, ahead: float) -> Array:
+    def _forecast(self, person: PalmPose, expectation: Expectation, ahead: float, dt: float) -> Array:
         """What the model's forecast adds to where a braking hand would be at contact: (3,) m."""
         if expectation.point is None or expectation.covariance is None or not expectation.familiar:
+            self._told = (0.0, 0.0)
             return np.zeros(3)
+        # It is told all at once, and believed behind two smoothings: the hand that goes there would jerk.
+        share = 1.0 - math.exp(-2.0 * dt / self.settings.easing)
+        first, second = self._told
+        first += share * (1.0 - first)
+        self._told = first, second + share * (first - second)
         beyond = expectation.point - (person.position + 0.5 * ahead * person.velocity)
         variance = (0.5 * self.settings.braking * ahead**2) ** 2
-        return believed(beyond, variance, np.ascontiguousarray(expectation.covariance))
+        return self._told[1] * believed(beyond, variance, np.ascontiguousarray(expectation.covariance))
 
     def _smooth(self, miss: Array, dt: float) -> Array:
         """The miss behind a critically damped low pass, and as it is in the last moment."""

@@ -61,6 +61,6 @@ class ArmContactLayer:
     layer: ContactLayer
 
 
-def pooled(arm: Array, hand: Array) -> Array:
-    """A linear pool of what both layers say, means, errors or covariances (…, 4)."""
-    return ARM_SHARE * arm + (1.0 - ARM_SHARE) * hand
+def pooled(arm: Array, hand: Array, share: float = ARM_SHARE) -> Array:
+    """A linear pool of what both layers say, means, errors or covariances (…, 4); ``share`` is the arm's."""
+    return share * arm + (1.0 - share) * hand

@@ -74,6 +74,8 @@ def train(
     checkpoint: Path | str | None = None,
     restarts: int = 1,
     say: Say = lambda line: None,
+    *,
+    whole_arm: bool = False,
 ) -> HGPDM:
     """Trains a model on the trials that are not held out.
 
@@ -88,6 +90,7 @@ def train(
         checkpoint: file that training writes as it goes and resumes from after an interruption; it stays there.
         restarts: so many seeds, from ``seed`` on; the one with the lowest objective is kept.
         say: called with a line about what a user should know: that it resumes, that a seed failed.
+        whole_arm: elbow, shoulder and head, too, tell where and when the palms will meet.
 
     Raises:
         HighFiveError: the data cannot be learned from, or the optimisation fails; the message says what to change.
@@ -96,7 +99,9 @@ def train(
     data = training_set(trials, chosen, emotions)
     model = train_on(data, chosen, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
     learned = [trial for trial in trials if not trial.test]
-    contact, arm = fit_contact_layers(learned, model.feature_map, chosen.history, inducing, seed, progress)
+    contact, arm = fit_contact_layers(
+        learned, model.feature_map, chosen.history, inducing, seed, progress, whole_arm=whole_arm
+    )
     return replace(model, contact=contact, arm_contact=arm)
 
 

@@ -16,7 +16,7 @@ from highfive.model.hgpdm.arm_features import (
     features_of,
     pulled_back,
 )
-from highfive.model.hgpdm.contact_layer import CHANNELS, ArmContactLayer, pooled
+from highfive.model.hgpdm.contact_layer import ARM_SHARE, CHANNELS, ArmContactLayer, pooled
 from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.belief import packed, tick_weights
@@ -44,6 +44,20 @@ def arm_at(trial: Trial, frame: int) -> ArmPoints | None:
     return None if trial.arm_points is None else ArmPoints(trial.arm_points[frame], np.zeros((3, 3, 3)))
 
 
+class LastArm(NamedTuple):
+    """The arm when all of it was known last, as :meth:`ArmTrack.forecast` takes it.
+
+    Attributes:
+        ticks: (L, 2, 15) m, and variances, m², newest first.
+        ago: s, since then.
+        share: of what it says in the pooled forecast.
+    """
+
+    ticks: Array
+    ago: float
+    share: float
+
+
 class ArmTrack:
     """The last ticks of an arm. They are a window of a longer array, which moves down it: rows are written once."""
 
@@ -51,21 +65,24 @@ class ArmTrack:
         """At so many ticks per second; compiles what is called later."""
         self._layer, self._contact = layer.layer, packed(layer.layer.posterior)
         self._features = layer.features
-        self._ticks = tick_weights(HISTORY, rate_hz)
+        self._ticks, self._seconds = tick_weights(HISTORY, rate_hz), 1.0 / rate_hz
         self.reset()
         nothing = np.zeros(6), np.zeros(6), ArmPoints(np.zeros((3, 3)), np.zeros((3, 3, 3)))
         self.step(*nothing)
         self.reset()
-        self.forecast(np.zeros((self._ticks.shape[1], 2, COORDINATES)), (np.zeros(CHANNELS), np.eye(CHANNELS)))
+        ticks = np.zeros((self._ticks.shape[1], 2, COORDINATES))
+        self.forecast(LastArm(ticks, 0.0, ARM_SHARE), np.zeros(3), (np.zeros(CHANNELS), np.eye(CHANNELS)))
 
     def reset(self) -> None:
         """Nobody is there yet: whoever comes first has stood still before."""
         self._rows, self._first, self._started, self._away = np.empty((0, 2, COORDINATES)), 0, False, 0
+        self._last: LastArm | None = None
 
-    def step(self, hand: Array | None, variance: Array, arm: ArmPoints | None) -> Array | None:
-        """One tick: the arm's last ticks (L, 2, 15), m, and variances, m², newest first, for :meth:`forecast`.
+    def step(self, hand: Array | None, variance: Array, arm: ArmPoints | None) -> LastArm | None:
+        """One tick: what is to be said of the arm; None where nothing is.
 
-        None while a point is hidden, and for as long after as the history reaches back to where one was.
+        While a point is hidden, and for as long after as the history reaches back to where one was, what was said last
+        stands, and soon counts for nothing; later it comes back as slowly. So no forecast jumps.
 
         Args:
             hand: (6,) m, wrist and knuckles; None where it is hidden.
@@ -74,7 +91,7 @@ class ArmTrack:
         """
         if hand is None or arm is None:
             self.hide()
-            return None
+            return self._fading(None)
         count = self._ticks.shape[1]
         if self._first == 0:
             rows = np.empty((_WINDOWS * count, 2, COORDINATES))
@@ -86,24 +103,41 @@ class ArmTrack:
         if not self._started:
             self._rows[self._first + 1 :] = self._rows[self._first]
         self._started, self._away = True, max(self._away - 1, 0)
-        return self._rows[self._first : self._first + count] if self._away == 0 else None
+        return self._fading(self._rows[self._first : self._first + count] if self._away == 0 else None)
 
     def hide(self) -> None:
         """A point is hidden in this tick."""
         if self._started:
             self._away = self._ticks.shape[1]
 
-    def forecast(self, arms: Array, hand: tuple[Array, Array]) -> ContactForecast:
-        """Where and when the palms will meet, by the last ticks (L, 2, 15) of an arm, and what the hand's layer says.
+    def _fading(self, ticks: Array | None) -> LastArm | None:
+        """With these ticks its share grows; without, it is what it was, and shrinks."""
+        last, change = self._last, ARM_SHARE * self._seconds / FADE
+        if ticks is not None:
+            share = ARM_SHARE if last is None else min(last.share + change, ARM_SHARE)
+            self._last = LastArm(ticks, 0.0, share)
+        elif last is not None:
+            self._last = LastArm(last.ticks, last.ago + self._seconds, max(last.share - change, 0.0))
+        return self._last if self._last is not None and self._last.share > 0.0 else None
 
-        ``hand`` is way and time left by that, (4,) and (4, 4).
+    def forecast(self, arm: LastArm, knuckles: Array, hand: tuple[Array, Array]) -> ContactForecast:
+        """Where and when the palms will meet, by an arm, and by what the hand's layer says.
+
+        Args:
+            arm: it.
+            knuckles: (3,) m, now, of the hand.
+            hand: way and time left by its layer, (4,) and (4, 4).
         """
         features = self._features
-        by_arm = _forecast(LINEAR, features.centre, features.factor, self._ticks, self._contact, arms)
-        left, covariance = (pooled(one, other) for one, other in zip(by_arm, hand, strict=True))
-        return contact_forecast(arms[0, 0, KNUCKLES], left, covariance, self._layer)
+        by_arm, covariance = _forecast(LINEAR, features.centre, features.factor, self._ticks, self._contact, arm.ticks)
+        by_arm[:3] += arm.ticks[0, 0, KNUCKLES] - knuckles  # what was said a while ago
+        by_arm[3] -= arm.ago
+        left, doubt = (pooled(one, other, arm.share) for one, other in zip((by_arm, covariance), hand, strict=True))
+        return contact_forecast(knuckles, left, doubt, self._layer)
 
 
+FADE = 0.15
+"""s, in which the arm's share goes where a point is hidden, and comes back."""
 _WINDOWS = 8
 """Of ticks, that an array holds: it is made anew when they are used up."""
 

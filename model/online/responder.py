@@ -13,10 +13,10 @@ from numpy.typing import ArrayLike
 from highfive.model.compiled import compiled_entry
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
-from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, Channels
+from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, KNUCKLES, Channels
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
-from highfive.model.online.arm_track import ArmPoints, ArmTrack
+from highfive.model.online.arm_track import ArmPoints, ArmTrack, LastArm
 from highfive.model.online.belief import Filter
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast
@@ -191,8 +191,8 @@ class Responder:
         self._belief = belief
         # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
         generated = generated._replace(avatar=self._inertializer.step(generated.avatar, changed))
-        arms = None if self._arm is None else self._arm.step(hand, variance, arm)
-        self._forecast_contact = partial(self._forecast_of, belief, arms)
+        last = None if self._arm is None else self._arm.step(hand, variance, arm)
+        self._forecast_contact = partial(self._forecast_of, belief, last)
         forecast_contact = self._forecast_contact
         return self._response(self._belief.latent, self._belief.covariance, generated, forecast_contact, 0.0)
 
@@ -239,12 +239,12 @@ class Responder:
             responses.append(self._response(latent, covariance, generated, lambda: None, number * lag))
         return responses
 
-    def _forecast_of(self, belief: Belief, arms: Array | None) -> ContactForecast | None:
+    def _forecast_of(self, belief: Belief, arm: LastArm | None) -> ContactForecast | None:
         """By the whole arm where all of it is known, else by the hand."""
-        hand = None if self._arm is None or arms is None else self._filter.contact_left(belief)
-        if self._arm is None or arms is None or hand is None:
+        hand = None if self._arm is None or arm is None else self._filter.contact_left(belief)
+        if self._arm is None or arm is None or hand is None:
             return self._filter.forecast_contact(belief)
-        return self._arm.forecast(arms, hand)
+        return self._arm.forecast(arm, belief.hands[0, 0, KNUCKLES], hand)
 
     def _in_distribution(self, covariance: Array) -> bool:
         dims = self._model.preset.interaction_dims

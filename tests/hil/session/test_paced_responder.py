@@ -37,9 +37,9 @@ class Counting:
     def __getattr__(self, name: str):
         return getattr(self.inner, name)
 
-    def step(self, hand, covariance=None) -> Reaction:
+    def step(self, hand, covariance=None, arm=None) -> Reaction:
         self.steps.append(hand)
-        return self.inner.step(hand, covariance)
+        return self.inner.step(hand, covariance, arm)
 
     def skip(self, ticks: int) -> None:
         self.skipped += ticks

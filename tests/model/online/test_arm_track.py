@@ -14,7 +14,7 @@ from highfive.model.hgpdm.contact_training import fit_contact_layers
 from highfive.model.hgpdm.store import load_model, save_model
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
-from highfive.model.online.arm_track import ArmPoints, arm_at
+from highfive.model.online.arm_track import FADE, ArmPoints, arm_at
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.responder import Responder
 
@@ -26,7 +26,7 @@ WINDOW = round(HISTORY[-1] * RATE) + 2
 def armed(model: HGPDM) -> HGPDM:
     rng = np.random.default_rng(1)
     known = [with_arm(made_up_trial(goal, emotion, RATE, rng)) for goal in (0.3, 0.5, 0.7) for emotion in EMOTIONS]
-    contact, arm = fit_contact_layers(known, model.feature_map, model.preset.history, 40)
+    contact, arm = fit_contact_layers(known, model.feature_map, model.preset.history, 40, whole_arm=True)
     assert arm is not None
     return replace(model, contact=contact, arm_contact=arm)
 
@@ -107,13 +107,24 @@ def test_without_an_arm_the_hand_is_answered_as_ever(armed: HGPDM, trial: Trial)
 def test_a_hidden_point_is_the_hands_forecast_until_it_was_seen_for_as_long_as_is_looked_back(
     armed: HGPDM, trial: Trial
 ) -> None:
-    hidden = range(40, 44)
+    """It fades into it and back: no forecast jumps."""
+    hidden, fade = range(40, 44), round(FADE * RATE)
     gap = said(armed, trial, dict.fromkeys(hidden))
     whole, hand = said(armed, trial), said(replace(armed, arm_contact=None), trial)
     back = hidden.stop + WINDOW - 1
     for frame in range(len(gap)):
-        expected = hand[frame] if hidden.start <= frame < back else whole[frame]
-        assert same(gap[frame], expected), frame
+        if frame < hidden.start or frame >= back + fade:
+            assert np.allclose(gap[frame].point, whole[frame].point, rtol=0.0, atol=1e-9), frame
+        elif hidden.start + fade <= frame < back:
+            assert same(gap[frame], hand[frame]), frame
+    jumps = [np.linalg.norm(np.diff([one.point for one in said], axis=0), axis=1).max() for said in (whole, gap)]
+    assert jumps[1] < 1.5 * jumps[0] + 0.002
+
+
+def test_trials_without_an_arm_are_refused_where_it_is_wanted(model: HGPDM, trial: Trial) -> None:
+    with pytest.raises(HighFiveError, match="elbow, shoulder and head are not known in all trials"):
+        bare = [replace(trial, arm_points=None), trial]
+        fit_contact_layers(bare, model.feature_map, model.preset.history, 40, whole_arm=True)
 
 
 def test_what_both_layers_say_is_pooled_and_meets_the_truth(armed: HGPDM, trial: Trial) -> None:

@@ -108,9 +108,9 @@ def fit_contact_layers(
 ) -> tuple[ContactLayer, ArmContactLayer | None]:
     """Learns the layer of the hand and, if wanted, of the whole arm; calibrates them on trials left out in turn.
 
-    108 simulated training trials in three folds,
-    mean error of the contact point 0.3, 0.2 and 0.1 s before contact: the hand's layer 35, 28 and 20 mm, the arm's 29,
-    23 and 18, both pooled 28, 22 and 16; sad, the slowest, at 0.2 s: 11, 10 and 8.
+    108 simulated training trials in three folds, mean error of the contact point 0.3, 0.2 and 0.1 s before contact: the
+    hand's layer 35, 28 and 20 mm, the arm's 29, 23 and 18, both pooled 28, 22 and 16; sad, the slowest, at 0.2 s: 11,
+    10 and 8.
 
     Args:
         trials: the training trials.
@@ -133,7 +133,7 @@ def fit_contact_layers(
     hand_layer = ContactLayer(hand.posterior, _calibration(hand, left, number, settings))
     if not whole_arm:
         return hand_layer, None
-    arms, left, number = approaches(trials, arm_history)
+    arms, _, _ = approaches(trials, arm_history)
     features = fit_arm_features(arms)
     arm = _fitted(features(arms), left, number, inducing, seed, progress, settings)
     both = _Fitted(arm.posterior, pooled(arm.error, hand.error), pooled(arm.variance, hand.variance))

@@ -129,8 +129,9 @@ class ShownAgain:
         if self._first_ns is None:
             self._first_ns = tick.time_ns
         shown_ns = tick.time_ns - self._first_ns
-        pose, then = self._motion.at(shown_ns)
-        self.met = self._contact_row is not None and self._motion.row(shown_ns) >= self._contact_row
+        row = self._motion.row(shown_ns)
+        pose, then = self._motion.poses[row], self._motion.people[row]
+        self.met = self._contact_row is not None and row >= self._contact_row
         now, then = tick.person, replace(then, time_ns=tick.person.time_ns)
         person = then if self._arm else now
         head = then if self._head else now

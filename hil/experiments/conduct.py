@@ -137,12 +137,12 @@ def _trial(run: _Run, trial: PlannedTrial) -> None:
         run.desk.show("cue", task=CUES[trial.mode])
 
     outcome = Outcome(weights=weights, broken_off="interrupted")
-    after = [_told(one) for one in run.log.left if one.name != trial.name][:1]
+    after = next((_told(one) for one in run.log.left if one.name != trial.name), None)
     try:
         run.desk.begin_trial()
         run.desk.tell(
             trial=trial.name, ask=run.log.ask, style=trial.style, weights=weights, cell=trial.cell,
-            condition=trial.mode, expected=trial.answer, answer="", asks="", message="", next=next(iter(after), None),
+            condition=trial.mode, expected=trial.answer, answer="", asks="", message="", next=after,
         )  # fmt: skip
         played = run.stage.play(Asked(trial, run.log.ask, weights, source), cued)
         outcome = _answered(run, weights, cue_ns, played)

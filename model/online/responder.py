@@ -178,7 +178,7 @@ class Responder:
             variance = _finite("hand covariance", covariance, (*HAND_SHAPE, 3)).diagonal(0, 1, 2).reshape(-1)
             if (least := min(variance.tolist())) < 0.0:
                 raise HighFiveError(f"a variance of {least:g} m² of the hand points; expected 0 or more")
-        if arm is not None:
+        if arm is not None and self._arm is not None:  # a model that sees the hand alone looks at nothing else
             points = _finite("arm points", arm.points, ARM_SHAPE)
             arm = ArmPoints(points, _finite("arm covariance", arm.covariance, (*ARM_SHAPE, 3)))
         hand = None if hand is None else hand.reshape(HAND_DIMS)

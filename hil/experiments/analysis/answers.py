@@ -78,17 +78,20 @@ def counts_of(answers: Sequence[Answer], source: str, least: int = 2) -> list[Pe
     Raises:
         HighFiveError: people or conditions are missing that a comparison needs.
     """
-    whole = [one for one in answers if one.weight is None]
-    if not whole:
-        return []
+    counts = right_by_person(answers)
+    return paired(counts, source, least) if counts else []
+
+
+def right_by_person(answers: Sequence[Answer]) -> dict[str, dict[str, Count]]:
+    """Person → condition → how many answers to whole emotions were right."""
     found: dict[str, dict[str, list[bool]]] = defaultdict(lambda: defaultdict(list))
-    for one in whole:
-        found[one.participant][one.condition].append(one.agrees)
-    counts = {
+    for one in answers:
+        if one.weight is None:
+            found[one.participant][one.condition].append(one.agrees)
+    return {
         person: {condition: Count(sum(right), len(right)) for condition, right in conditions.items()}
         for person, conditions in found.items()
     }
-    return paired(counts, source, least)
 
 
 def confusions_of(answers: Sequence[Answer]) -> dict[str, Confusion]:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from highfive.hil.experiments.analysis.answers import BESIDE, Answer
-from highfive.hil.experiments.analysis.counts import CONDITIONS, Count, PersonCounts
+from highfive.hil.experiments.analysis.answers import BESIDE, Answer, right_by_person
+from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts, pooled
 from highfive.hil.experiments.analysis.hierarchical import Effects, logit_differences, over_people
 
 
@@ -30,20 +30,11 @@ def contrasts(answers: Sequence[Answer], level: float = 0.95) -> dict[str, Contr
     found: dict[str, Contrast] = {}
     first = CONDITIONS[0]
     for other in BESIDE:
-        right: dict[str, dict[str, list[bool]]] = {}
-        for one in answers:
-            if one.weight is None and one.condition in (first, other):
-                right.setdefault(one.participant, {}).setdefault(one.condition, []).append(one.agrees)
-        people = [
-            PersonCounts(person, *(Count(sum(hers[name]), len(hers[name])) for name in (first, other)))
-            for person, hers in right.items()
-            if len(hers) == len((first, other))
-        ]
+        counts = right_by_person([one for one in answers if one.condition in (first, other)])
+        people = [PersonCounts(person, hers[first], hers[other]) for person, hers in counts.items() if len(hers) > 1]
         if people:
-            sums = [
-                sum(count.correct for count in counts) / sum(count.n for count in counts)
-                for counts in ([one.interactive for one in people], [one.replay for one in people])
-            ]
+            together = pooled(people)
+            sums = [count.correct / count.n for count in (together.interactive, together.replay)]
             effects = over_people(*logit_differences(people), level) if len(people) > 1 else None
             found[other] = Contrast(len(people), dict(zip((first, other), sums, strict=True)), effects)
     return found

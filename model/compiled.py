@@ -125,7 +125,13 @@ class _Cache(FunctionCache):
         return super().load_overload(sig, target_context)
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keeps it."""
+        """Keeps it, if there is something to keep.
+
+        LLVM hands machine code over in a callback, and says nothing where Ctrl-C ends that: the code works, but cannot
+        be kept. The interrupt itself is raised again a moment later (:mod:`highfive.hil.runtime.interrupts`).
+        """
+        if not _handed_over(data.library):
+            return
         _COMPILED_HERE.add(f"{self._py_func.__module__.rpartition('.')[2]}.{self._py_func.__name__}")
         self._stamp()
         super().save_overload(sig, data)
@@ -134,6 +140,14 @@ class _Cache(FunctionCache):
         if not self._stamped:
             self._cache_file = IndexDataCacheFile(self._cache_path, self._impl.filename_base, reached(self._py_func))
             self._stamped = True
+
+
+def _handed_over(library: Any) -> bool:
+    try:
+        library.serialize_using_object_code()
+    except RuntimeError:
+        return False
+    return True
 
 
 def reached(function: Callable[..., Any]) -> str:

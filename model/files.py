@@ -8,12 +8,29 @@ import secrets
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from stat import S_ISDIR, S_ISREG
+
+from highfive.model.errors import HighFiveError
 
 DEFAULT_MODEL = Path(__file__).with_name("default.safetensors")
 """The model that ships with the project, trained on simulated pairs (``make model``)."""
 
 UNFINISHED = ".highfive-"
 """What the names of files begin with that are still being written, and of what a killed command left."""
+
+
+def check_size(path: Path, most_bytes: int) -> None:
+    """Sees to it that a file ends, and fits into the memory that its reader was made for.
+
+    Raises:
+        HighFiveError: it is none (a folder, a pipe, a device, of which reading may never end), or is larger.
+        OSError: it is not there, or nobody may look at it.
+    """
+    status = path.stat()
+    if not S_ISREG(status.st_mode):
+        raise HighFiveError(f"{path} is {'a folder' if S_ISDIR(status.st_mode) else 'no file'}; give a file")
+    if status.st_size > most_bytes:
+        raise HighFiveError(f"{path} has {status.st_size} bytes, more than the limit of {most_bytes}")
 
 
 def unfinished(path: Path) -> Path:

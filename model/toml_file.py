@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from collections.abc import Mapping
 from datetime import datetime
@@ -10,6 +11,13 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from highfive.model.errors import HighFiveError
+from highfive.model.files import check_size
+
+MOST_BYTES = 4 << 20
+"""Largest TOML file that is read: a plan of a thousand trials has 0.3 MB."""
+MOST_DOTS = 200
+_LONG = re.compile(r"[0-9a-fA-F_]{16}|[01_]{63}|[0-7_]{21}")  # hexadecimal ones, too
+_NUMBER = re.compile(r"(?<![\w.])[+-]?\d+\.\d+(?:[eE][+-]?\d+)?(?![\w.])")
 
 _KINDS = {
     str: "a text",
@@ -28,11 +36,33 @@ def read_toml(path: Path, what: str, error: type[HighFiveError] = HighFiveError)
         HighFiveError: it cannot be read, or is no TOML; of the class ``error``.
     """
     try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as found:
-        raise error(f"cannot read {what} {path}: {found.strerror or found}") from None
-    except (ValueError, RecursionError) as found:  # ValueError: no TOML, no UTF-8, a number of thousands of digits
-        raise error(f"cannot read {what} {path}: it is no TOML file: {found}") from None
+        check_size(path, MOST_BYTES)
+        text = path.read_text(encoding="utf-8")
+        if any(line.count(".") > MOST_DOTS and _dotted(line) > MOST_DOTS for line in text.splitlines()):
+            raise ValueError(f"a line has more than {MOST_DOTS} dots that are in no number")
+        found = tomllib.loads(text)
+        if _LONG.search(text):
+            _check_whole(found)
+        return found
+    except OSError as wrong:
+        raise error(f"cannot read {what} {path}: {wrong.strerror or wrong}") from None
+    except HighFiveError as wrong:
+        raise error(f"cannot read {what}: {wrong}") from None
+    except (ValueError, RecursionError) as wrong:  # ValueError: no TOML, no UTF-8, a number of thousands of digits
+        raise error(f"cannot read {what} {path}: it is no TOML file: {wrong}") from None
+
+
+def _check_whole(value: object) -> None:
+    """Whole numbers have 64 bits in TOML; tomllib takes longer ones, which then no float and no array holds."""
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ValueError("a whole number has more than 64 bits")
+    for part in value.values() if is_table(value) else value if is_list(value) else ():
+        _check_whole(part)
+
+
+def _dotted(line: str) -> int:
+    """Dots of a line that are no decimal points: a key of n parts takes tomllib n² steps."""
+    return _NUMBER.sub("", line).count(".")
 
 
 def is_table(value: object) -> TypeGuard[Mapping[str, Any]]:

@@ -70,7 +70,7 @@ def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[
     """
     whole = _read(paths, say)
     human, avatar = _roles(list(whole.values()), human, avatar, say)
-    pairs = {n: _together(_person(one, human.prefix), _person(one, avatar.prefix)) for n, one in whole.items()}
+    pairs = {n: _together(person_in(one, human.prefix), person_in(one, avatar.prefix)) for n, one in whole.items()}
     persons, others = ([pair[role] for pair in pairs.values()] for role in (0, 1))
     people, actors = _set_of(persons, others, human, say), _set_of(others, persons, avatar, say)
     if (known := canonical_names(actors)) and not known.keys() & {"pelvis", "left_hip", "right_hip"}:
@@ -161,7 +161,7 @@ def _cut(recording: Recording, kept: slice) -> Recording:
     return replace(recording, **{name: getattr(recording, name)[kept] for name in names})
 
 
-def _person(recording: Recording, prefix: str) -> Recording:
+def person_in(recording: Recording, prefix: str) -> Recording:
     """One person's points; the prefix may be written in any case and end in a colon, point, stroke or underscore.
 
     Raises:

@@ -171,7 +171,8 @@ def _solve_pair(job: _Job, subject: Subject) -> SolvedPair:
     hand_points, person_palm, arm_points = track_hand(job.person, job.people)
     if job.reflected:
         mirror = np.array([1.0, -1.0, 1.0])
-        hand_points, person_palm, arm_points = hand_points * mirror, person_palm * mirror, arm_points * mirror
+        hand_points, person_palm = hand_points * mirror, person_palm * mirror
+        arm_points = None if arm_points is None else arm_points * mirror
     times = np.arange(len(hand_points)) / RATE_HZ
     points, valid = subject.marker_set.arrange(actor.names, actor.points, actor.valid)
     step = max(1, round(actor.rate_hz / SOLVE_RATE_HZ))
@@ -203,7 +204,7 @@ def _solve_pair(job: _Job, subject: Subject) -> SolvedPair:
         cell=row.cell,
         repetition=row.repetition,
         test=row.test,
-        arm_points=scene * arm_points,
+        arm_points=None if arm_points is None else scene * arm_points,
     )
     return SolvedPair(trial, subject.marker_set.names, solution.rms)
 
@@ -236,10 +237,11 @@ def unwrapped(turns: Array) -> Array:
 
 def track_hand(
     person: Recording, marker_set: MarkerSet, towards_partner: tuple[float, float, float] = (-1.0, 0.0, 0.0)
-) -> tuple[Array, Array, Array]:
+) -> tuple[Array, Array, Array | None]:
     """Hand points (T, 2, 3), palm centre (T, 3) and elbow, shoulder and head (T, 3, 3), m, at 120 Hz.
 
-    By the tracker and the arm that run online.
+    By the tracker and the arm that run online. Where one of the markers of elbow, shoulder or head is never seen, None
+    stands for the last: what is inferred then is no person's.
 
     Where the tracker does not know the hand, it is between where it was and where it will be.
 
@@ -259,4 +261,5 @@ def track_hand(
     flat = np.array([[*a.hand_points.reshape(-1), *a.palm.position, *a.arm_points.reshape(-1)] for a in arms])
     if len(known) < len(tracked):
         flat = np.stack([np.interp(at, known, column) for column in flat.T], axis=1)
-    return flat[:, :6].reshape(-1, 2, 3), flat[:, 6:9], flat[:, 9:].reshape(-1, 3, 3)
+    whole = flat[:, 9:].reshape(-1, 3, 3) if arms[-1].whole else None
+    return flat[:, :6].reshape(-1, 2, 3), flat[:, 6:9], whole

@@ -80,6 +80,7 @@ def methods(fitted: Fitted) -> dict[str, Method]:
     plain = evaluation.plain_baselines(task)
     return {
         "hgpdm": online(fitted.model, avatar),
+        **({} if fitted.adapted is None else {"adapted": online(fitted.adapted, avatar)}),
         "sparse_gp": regressed(baselines.regression(fitted.sparse_gp), task, avatar, fitted.sparse_gp),
         **{name: regressed(regression, task, avatar) for name, regression in plain.items()},
         **{
@@ -99,6 +100,7 @@ def run_protocol(
     steps: Steps,
     model: HGPDM | None = None,
     others: Mapping[str, FitReactionModel] = MappingProxyType({}),
+    prior: HGPDM | None = None,
 ) -> Run:
     """Trains and scores with one seed.
 
@@ -112,6 +114,7 @@ def run_protocol(
         steps: makes the progress bars.
         model: a model that is trained already, scored instead.
         others: learn models of somebody else's, by name, which are scored beside it.
+        prior: a model that was trained before, adapted to each fold's trials and scored beside it, too.
 
     Raises:
         HighFiveError: the data cannot be learned from, or no held-out trial is of an emotion that was learned.
@@ -120,7 +123,7 @@ def run_protocol(
     known = scorable(folds, model)
 
     def train(fold: Fold) -> Fitted:
-        return fit(fold.trials, preset, inducing, seed, kept, steps(fold.name), model, others)
+        return fit(fold.trials, preset, inducing, seed, kept, steps(fold.name), model, others, prior)
 
     found = [
         _Scored(fold, fitted := train(fold), indices, _answered(fold, fitted, indices))

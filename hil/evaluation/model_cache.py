@@ -13,7 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from highfive.hil.evaluation.reaction_models import fitted
-from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.avatar import avatar_arm, avatar_skeleton
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation import baselines
 from highfive.model.evaluation.nuisi_windows import Windows, window_set
@@ -21,6 +21,7 @@ from highfive.model.files import UNFINISHED
 from highfive.model.gp.optimise import ProgressCallback
 from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm import training
+from highfive.model.hgpdm.adaptation import ADAPTATION, adapt
 from highfive.model.hgpdm.dataset import training_set
 from highfive.model.hgpdm.hierarchy import Problem, problem
 from highfive.model.hgpdm.presets import DEFAULT, Preset
@@ -29,7 +30,7 @@ from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.reaction import FitReactionModel, ReactionModel
 
-_KEPT = re.compile(r"(hgpdm|sparse_gp|windows)_[0-9a-f]{16}(\.safetensors|\.checkpoint\.npz(\.old(-\d+)?)?)")
+_KEPT = re.compile(r"(hgpdm|adapted|sparse_gp|windows)_[0-9a-f]{16}(\.safetensors|\.checkpoint\.npz(\.old(-\d+)?)?)")
 
 
 @dataclass(frozen=True)
@@ -41,12 +42,14 @@ class Fitted:
         task: the training points as the baselines see them, of the emotions that the trials have.
         sparse_gp: the plain sparse GP.
         others: models of somebody else's, by name.
+        adapted: a model that was trained before, adapted to the same trials; None where none was given.
     """
 
     model: HGPDM
     task: Problem
     sparse_gp: Posterior
     others: Mapping[str, ReactionModel] = field(default_factory=dict)
+    adapted: HGPDM | None = None
 
     @property
     def emotions(self) -> list[str]:
@@ -63,6 +66,7 @@ def fit(
     progress: ProgressCallback | None = None,
     model: HGPDM | None = None,
     others: Mapping[str, FitReactionModel] = MappingProxyType({}),
+    prior: HGPDM | None = None,
 ) -> Fitted:
     """Trains on the trials that are not held out.
 
@@ -75,6 +79,7 @@ def fit(
         progress: called after every step.
         model: a model that is trained already.
         others: learn models of somebody else's, by name; these are not kept.
+        prior: a model that was trained before, to be adapted to the same trials beside the training.
 
     Raises:
         HighFiveError: the data cannot be learned from.
@@ -84,7 +89,19 @@ def fit(
         model = _model(trials, preset, inducing, seed, kept, progress)
     task = problem(training_set(trials, DEFAULT), DEFAULT)
     plain = _sparse_gp(task, model.avatar.inducing.shape[0], seed, kept, progress)
-    return Fitted(model, task, plain, {name: fitted(name, learn, trials) for name, learn in others.items()})
+    taught = {name: fitted(name, learn, trials) for name, learn in others.items()}
+    return Fitted(model, task, plain, taught, None if prior is None else _adapted(prior, trials, seed, kept))
+
+
+def _adapted(prior: HGPDM, trials: Sequence[Trial], seed: int, kept: Path | None) -> HGPDM:
+    data = training_set(trials, prior.preset)
+    path = _path(kept, "adapted", f"{prior.data_hash} {prior.settings} {ADAPTATION!r} {seed} {data.data_hash}")
+    if path is not None and path.is_file():
+        return load_model(path, prior.skeleton_hash)
+    model, _ = adapt(prior, trials, seed)
+    if path is not None:
+        save_model(model, path)
+    return model
 
 
 def fit_windows(
@@ -125,7 +142,7 @@ def _model(
     progress: ProgressCallback | None,
 ) -> HGPDM:
     skeleton, data = avatar_skeleton().hash, training_set(trials, preset)
-    layers = partial(training.train, trials, preset, None, inducing, seed, skeleton, progress)
+    layers = partial(training.train, trials, preset, None, inducing, seed, skeleton, progress, chain=avatar_arm())
     path = _path(kept, "hgpdm", f"{preset!r} {inducing} {seed} {data.data_hash} {data.emotions}")
     if path is None:
         return layers()

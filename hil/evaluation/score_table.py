@@ -11,7 +11,8 @@ Scored = dict[str, dict[str, float]]
 """Method → action or metric → value."""
 
 METHODS = {
-    "hgpdm": "hGPDM", "sparse_gp": "sparse GP", "knn": "kNN", "ridge": "ridge", "mean": "mean", "recorded": "recorded"
+    "hgpdm": "hGPDM", "adapted": "adapted", "sparse_gp": "sparse GP", "knn": "kNN", "ridge": "ridge", "mean": "mean",
+    "recorded": "recorded",
 }  # fmt: skip
 NOTHING = "–"
 _SEEN = "the same trials, their cell seen in training"

@@ -10,12 +10,10 @@ from scipy.spatial import KDTree
 
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
-from highfive.model.gp.coregionalisation import initial_style
-from highfive.model.gp.kernels import MotionKernel
-from highfive.model.gp.optimise import ProgressCallback, minimise
+from highfive.model.gp.optimise import ProgressCallback
 from highfive.model.gp.posterior import Posterior
-from highfive.model.gp.sparse import Layer
 from highfive.model.hgpdm.hierarchy import Problem
+from highfive.model.hgpdm.pose_ensemble_training import regression_layer, regression_posterior
 
 Predictor = Callable[[Array, Array], Array]
 """From hand features (T, F) and one-hot styles (T, K) to avatar channels (T, channels)."""
@@ -80,20 +78,9 @@ def sparse_gp(
     task: Problem, inducing: int, rng: np.random.Generator, progress: ProgressCallback | None = None
 ) -> Posterior:
     """Plain sparse GP regression, motion × style kernel, with as many inducing inputs as a layer of the model."""
-    features, styles, targets = jnp.asarray(task.features), jnp.asarray(task.data.styles), task.avatar_targets
-    chosen = np.sort(rng.choice(len(features), size=min(inducing, len(features)), replace=False))
-    style = initial_style(styles.shape[1], styles[chosen])
-    start = Layer(MotionKernel.initial(features.shape[1]), features[chosen], sparse.raw_noise(0.2, GP_NOISE), style)
-
-    def value(layer: Layer):
-        noise = sparse.noise_variance(layer.raw_noise, GP_NOISE)
-        return sparse.negative_log_likelihood(layer, features, targets, noise, styles, variational=True) / len(features)
-
-    layer, _ = minimise(value, start, GP_ITERATIONS, GP_ITERATIONS // 2, stage="sparse GP baseline", progress=progress)
-    scaled = jnp.asarray((task.data.outputs - task.avatar_offset) / task.avatar_scale)
-    noise = sparse.noise_variance(layer.raw_noise, GP_NOISE)
-    offset, scale = jnp.asarray(task.avatar_offset), jnp.asarray(task.avatar_scale)
-    return sparse.fit(layer, features, scaled, noise, styles, offset, scale)
+    stage = "sparse GP baseline"
+    layer, noise = regression_layer(task, inducing, rng, GP_ITERATIONS, GP_NOISE, stage, progress)
+    return regression_posterior(layer, noise, task)
 
 
 def regression(posterior: Posterior) -> Predictor:

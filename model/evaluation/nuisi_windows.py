@@ -9,8 +9,6 @@ action only to name the scores.
 from __future__ import annotations
 
 import hashlib
-import zipfile
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -24,6 +22,7 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.dataset import FURTHEST, LARGEST_TURN, MINIMUM_POINTS, STILL, TrainingSet
 from highfive.model.hgpdm.presets import Preset
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.npz_file import read_npz
 from highfive.model.online.belief import Filter
 
 FRAMES, POINTS = 5, 9  # frames of a window; coordinates of the arm's three joints
@@ -31,11 +30,6 @@ RATE_HZ = 30.0  # nominal; what matters is that window follows window
 ARM_VARIANCE = 1e-8  # of the arm's coordinates: what a file gives is taken as it is
 ROBOT_ACTIONS = ("wave", "handshake", "rocket_fistbump", "parachute_fistbump")  # targets of 20: four joint angles
 HUMAN_ACTIONS = ("clap_fist", "fist_bump", "handshake", "high_five", "rocket_fistbump", "wave")  # targets of 90: an arm
-
-
-# What zipfile, zlib and numpy raise on damaged bytes. Beside the obvious: another compression (NotImplementedError),
-# the flag for a password (RuntimeError), an array larger than any memory (MemoryError).
-_DAMAGED = (ValueError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError, MemoryError)
 
 
 @dataclass(frozen=True)
@@ -62,14 +56,11 @@ def read_windows(path: Path | str) -> tuple[Windows, Windows]:
         HighFiveError: no such file, no window file, or arrays that do not belong together.
     """
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            if not isinstance(stored, np.lib.npyio.NpzFile):
-                raise HighFiveError(f"{path} holds one array; a windows file (.npz) holds train_input, train_target, …")
-            arrays: dict[str, Array] = {name: stored[name] for name in stored.files}
+        arrays = read_npz(Path(path))
     except OSError as error:
         raise HighFiveError(f"{path} is not a windows file (.npz): {error.strerror or error}") from None
-    except _DAMAGED:
-        raise HighFiveError(f"{path} is not a windows file (.npz), or it is cut short or damaged") from None
+    if arrays is None:
+        raise HighFiveError(f"{path} holds one array; a windows file (.npz) holds train_input, train_target, …")
     learn, test = _part(path, arrays, "train"), _part(path, arrays, "test")
     if (wide := learn.target.shape[1]) != test.target.shape[1]:
         raise HighFiveError(f"{path}: targets of {wide} numbers to learn, of {test.target.shape[1]} to test")
@@ -133,6 +124,28 @@ def action_names(windows: Windows) -> dict[int, str]:
     known: dict[int, tuple[str, ...]] = {20: ROBOT_ACTIONS, 90: HUMAN_ACTIONS}
     names = known.get(windows.target.shape[1], ())
     return {int(k): names[k] if 0 <= k < len(names) else f"action_{k}" for k in np.unique(windows.action)}
+
+
+def most_sequences(windows: Windows) -> int:
+    """Number of sequences of the action that has most."""
+    return max(len(found) for found in _sequences(windows).values())
+
+
+def few_sequences(windows: Windows, count: int, seed: int) -> Windows:
+    """The windows of ``count`` sequences of each action, all where it has fewer; smaller draws of a seed are parts of
+    larger ones.
+    """
+    rng = np.random.default_rng(seed)
+    chosen = np.sort(np.concatenate([rng.permutation(found)[:count] for found in _sequences(windows).values()]))
+    kept = np.isin(windows.sequence, chosen)
+    sequence = np.searchsorted(chosen, windows.sequence[kept])
+    return Windows(windows.history[kept], windows.target[kept], sequence.astype(np.int64), windows.action[kept])
+
+
+def _sequences(windows: Windows) -> dict[int, NDArray[np.int64]]:
+    """Action → its sequences."""
+    actions = np.unique(windows.action)
+    return {int(action): np.unique(windows.sequence[windows.action == action]) for action in actions}
 
 
 def window_preset(preset: Preset) -> Preset:

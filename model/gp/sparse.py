@@ -15,7 +15,7 @@ from jax.scipy.linalg import solve_triangular
 from highfive.model.gp import likelihood
 from highfive.model.gp.coregionalisation import StyleFactor, style_covariance
 from highfive.model.gp.kernels import Kernel, MotionKernel, add_jitter
-from highfive.model.gp.likelihood import Covariance, Form, Points
+from highfive.model.gp.likelihood import BLOCK, Covariance, Form, Points, from_blocks, in_blocks
 from highfive.model.gp.posterior import MotionParameters, Numbers, Posterior
 
 
@@ -122,18 +122,29 @@ def fit(
 
     The noise of a point is ``noise`` over its entry of ``weights`` (N,).
     """
-    k_uu, (k_uf, _) = inducing_covariance(layer), cross_covariance(layer, inputs, styles)
+    k_uu = inducing_covariance(layer)
     size, channels = k_uu.shape[0], values.shape[1]
     lower = cast(jax.Array, jnp.linalg.cholesky(k_uu))
     inverse = solve_triangular(lower, jnp.eye(size), lower=True)
-    if weights is not None:
-        k_uf, values = k_uf * jnp.sqrt(weights), values * jnp.sqrt(weights)[:, None]
-    projected = inverse @ k_uf
-    inner = cast(jax.Array, jnp.linalg.cholesky(jnp.eye(size) + projected @ projected.T / noise))
+    weights = jnp.ones(inputs.shape[0]) if weights is None else weights
+
+    # In blocks, as the likelihood: of 200,000 points K_uf alone would take 320 MB, and there would be several.
+    def block(total: Any, part: Points) -> tuple[Any, None]:
+        k_uf, _ = cross_covariance(layer, part.inputs, part.styles)
+        k_uf = k_uf * jnp.sqrt(part.weights)
+        projected = inverse @ k_uf
+        here = projected @ projected.T, k_uf @ (part.thin * jnp.sqrt(part.weights)[:, None])
+        return jax.tree.map(jnp.add, total, here), None
+
+    points = Points(inputs, values, None if layer.style is None else styles, weights)
+    blocks = jax.tree.map(lambda array: in_blocks(array, 1)[0], points)
+    start = jnp.zeros((size, size)), jnp.zeros((size, channels))
+    (second, first), _ = jax.lax.scan(block, start, blocks)
+    inner = cast(jax.Array, jnp.linalg.cholesky(jnp.eye(size) + second / noise))
     inner_inverse = solve_triangular(inner, inverse, lower=True)
     scale = jnp.ones(channels) if scale is None else scale
     offset = jnp.zeros(channels) if offset is None else offset
-    mean = inner_inverse.T @ (inner_inverse @ (k_uf @ values)) / noise * scale
+    mean = inner_inverse.T @ (inner_inverse @ first) / noise * scale
     reduction = inverse.T @ inverse - inner_inverse.T @ inner_inverse
     between = style = None
     if layer.style is not None:
@@ -154,16 +165,25 @@ def with_kernel(posterior: Posterior) -> Posterior:
 
 def means(posterior: Posterior, points: Numbers, styles: Numbers | None = None) -> jax.Array:
     """Predictive means (N, D) at inputs (N, q) and styles (N, K)."""
+    assert posterior.style is None or styles is not None
     return _means(with_kernel(posterior), points, styles)
 
 
 @jax.jit
 def _means(posterior: Posterior, points: Any, styles: Any) -> Any:
-    k_fu = posterior.kernel.cross(points, posterior.inducing)
-    if posterior.style is not None:
-        assert styles is not None
-        k_fu = k_fu * (styles @ posterior.style.T)
-    return k_fu @ posterior.weights + posterior.offset
+    def block(part: tuple[Any, Any]) -> Any:
+        inputs, weights = part
+        k_fu = posterior.kernel.cross(inputs, posterior.inducing)
+        if posterior.style is not None:
+            k_fu = k_fu * (weights @ posterior.style.T)
+        return k_fu @ posterior.weights + posterior.offset
+
+    if posterior.style is None:
+        styles = None
+    if points.shape[0] <= BLOCK:
+        return block((points, styles))
+    blocks = jax.tree.map(lambda array: in_blocks(array, 1), (points, styles))
+    return from_blocks(jax.lax.map(block, jax.tree.map(lambda array: array[0], blocks))[None], points.shape[0])
 
 
 def variances(posterior: Posterior, points: Numbers) -> jax.Array:

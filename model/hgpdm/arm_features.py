@@ -2,7 +2,7 @@
 
 Features of the last :data:`HISTORY` of wrist, knuckles, elbow, shoulder and head. Beside places and velocities they
 have lengths, which no direction changes: how fast the hand is, and how much of the arm's reach is used up. A raised
-hand goes on for as long as its arm is bent.
+hand goes on for as long as its arm is bent. Last comes the tempo of the reach (:mod:`highfive.model.hgpdm.tempo`).
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ import numpy as np
 
 from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
+from highfive.model.hgpdm.features import scales
+from highfive.model.hgpdm.tempo import TEMPO
 from highfive.model.hgpdm.trials import Trial
 
 HISTORY = (0.033, 0.067, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6)
@@ -21,13 +23,19 @@ HISTORY = (0.033, 0.067, 0.1, 0.15, 0.2, 0.3, 0.4, 0.6)
 STILL = 0.01
 """m, and m/s: what varies less among the trials counts as if it varied so much; else a shoulder that nobody moved there
 would say everything once somebody does."""
+USUAL = 0.995
+"""Share of the frames whose tempo is no larger than what counts as known."""
 POINTS = 5  # wrist, knuckles, elbow, shoulder, head
 COORDINATES = 3 * POINTS
 _WRIST, _KNUCKLES, _ELBOW, _SHOULDER, _HEAD = range(POINTS)
+SHOULDER = slice(3 * _SHOULDER, 3 * _SHOULDER + 3)
+"""Of an arm's coordinates."""
 _TIMES = len(HISTORY) + 1
 _VECTORS = 15  # of which features are the components; three more give lengths alone
 _SPEEDS = len(HISTORY)
-SIZE = 3 * _VECTORS + _SPEEDS + 3
+ARM_SIZE = 3 * _VECTORS + _SPEEDS + 3
+"""Of the features, those of the arm."""
+SIZE = ARM_SIZE + TEMPO
 """F, of the features."""
 
 
@@ -37,23 +45,28 @@ class ArmFeatures:
 
     Attributes:
         centre, factor: (F,).
+        furthest: (TEMPO,) the largest of each that training had, as far as nearly all of it goes.
     """
 
     centre: Array
     factor: Array
+    furthest: Array
 
-    def __call__(self, arms: Array) -> Array:
-        """Features (N, F) of arms (N, H + 1, 15), m: now, and at each of :data:`HISTORY` before."""
-        return (_raw(LINEAR, np.ascontiguousarray(arms.reshape(len(arms), -1))) - self.centre) * self.factor
+    def __call__(self, arms: Array, tempo: Array) -> Array:
+        """Features (N, F) of arms (N, H + 1, 15), m: now, and at each of :data:`HISTORY` before, and of the reach's
+        ``tempo`` (N, TEMPO)."""
+        return (_both(arms, tempo) - self.centre) * self.factor
 
 
-def fit_arm_features(arms: Array) -> ArmFeatures:
-    """Scales vectors and lengths of arms (N, H + 1, 15) by one factor each, which keeps the vectors' directions."""
-    raw = _raw(LINEAR, np.ascontiguousarray(arms.reshape(len(arms), -1)))
-    variance = raw.var(axis=0)
-    vectors, lengths = variance[: 3 * _VECTORS].reshape(-1, 3), variance[3 * _VECTORS :]
-    deviation = np.sqrt(np.concatenate([np.repeat(vectors.mean(axis=1), 3), lengths]))
-    return ArmFeatures(raw.mean(axis=0), 1.0 / np.maximum(deviation, STILL))
+def fit_arm_features(arms: Array, tempo: Array) -> ArmFeatures:
+    """Scales vectors, lengths and ``tempo`` (N, TEMPO) of arms (N, H + 1, 15) by one factor each, which keeps the
+    vectors' directions."""
+    centre, factor = scales(_both(arms, tempo), _VECTORS, STILL)
+    return ArmFeatures(centre, factor, np.quantile(tempo, USUAL, axis=0))
+
+
+def _both(arms: Array, tempo: Array) -> Array:
+    return np.column_stack([_raw(LINEAR, np.ascontiguousarray(arms.reshape(len(arms), -1))), tempo])
 
 
 def arm_history(trial: Trial, times: Array) -> Array:
@@ -99,7 +112,7 @@ _FIRST_SPEED, _FIRST_STRETCH = 3 * (_VECTORS - _SPEEDS), 3 * _VECTORS
 
 @compiled
 def features_of(linear: Array, arm: Array, value: Array) -> Array:
-    """Puts the features of one arm (15 (H + 1),) into ``value`` (F,), not scaled; gives back the vectors' (54,)."""
+    """Puts the features of one arm (15 (H + 1),) into ``value``, not scaled; gives back the vectors' (54,)."""
     vectors = np.zeros(len(linear))
     for row in range(len(linear)):
         for column in range(len(arm)):
@@ -109,14 +122,17 @@ def features_of(linear: Array, arm: Array, value: Array) -> Array:
     for number in range(_SPEEDS):
         value[_FIRST_STRETCH + number] = _length(vectors, _FIRST_SPEED + 3 * number)
     now, before = _length(vectors, _FIRST_STRETCH), _length(vectors, _FIRST_STRETCH + 3)
-    value[SIZE - 3], value[SIZE - 2] = now, now - before
-    value[SIZE - 1] = before - _length(vectors, _FIRST_STRETCH + 6)
+    value[ARM_SIZE - 3], value[ARM_SIZE - 2] = now, now - before
+    value[ARM_SIZE - 1] = before - _length(vectors, _FIRST_STRETCH + 6)
     return vectors
 
 
 @compiled
 def pulled_back(linear: Array, vectors: Array, slope: Array) -> Array:
-    """Derivatives (D, 15 (H + 1)) by the arm, of what has the derivatives ``slope`` (D, F) by the unscaled features."""
+    """Derivatives (D, 15 (H + 1)) by the arm, of what has the derivatives ``slope`` (D, F) by the unscaled features.
+
+    The tempo counts as known: it hangs together with the whole reach, of which one tick is little.
+    """
     result = np.zeros((len(slope), linear.shape[1]))
     for row in range(len(slope)):
         own, by = slope[row], np.zeros(len(linear))
@@ -124,9 +140,9 @@ def pulled_back(linear: Array, vectors: Array, slope: Array) -> Array:
             by[number] = own[number]
         for number in range(_SPEEDS):
             _along(vectors, _FIRST_SPEED + 3 * number, own[_FIRST_STRETCH + number], by)
-        _along(vectors, _FIRST_STRETCH, own[SIZE - 3] + own[SIZE - 2], by)
-        _along(vectors, _FIRST_STRETCH + 3, own[SIZE - 1] - own[SIZE - 2], by)
-        _along(vectors, _FIRST_STRETCH + 6, -own[SIZE - 1], by)
+        _along(vectors, _FIRST_STRETCH, own[ARM_SIZE - 3] + own[ARM_SIZE - 2], by)
+        _along(vectors, _FIRST_STRETCH + 3, own[ARM_SIZE - 1] - own[ARM_SIZE - 2], by)
+        _along(vectors, _FIRST_STRETCH + 6, -own[ARM_SIZE - 1], by)
         for number in range(len(linear)):
             for column in range(linear.shape[1]):
                 result[row, column] += by[number] * linear[number, column]
@@ -152,8 +168,8 @@ def _along(vectors: Array, first: int, slope: float, by: Array) -> None:
 
 @compiled_entry
 def _raw(linear: Array, arms: Array) -> Array:
-    """Features (N, F), not scaled, of arms (N, 15 (H + 1))."""
-    result = np.empty((len(arms), SIZE))
+    """Features (N, ARM_SIZE), not scaled, of arms (N, 15 (H + 1))."""
+    result = np.empty((len(arms), ARM_SIZE))
     for number in range(len(arms)):
         features_of(linear, arms[number], result[number])
     return result

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from highfive.model.errors import HighFiveError
 from highfive.model.files import written_whole
+from highfive.model.npz_file import read_npz
 
 
 class Unfitting(HighFiveError):
@@ -24,8 +25,8 @@ class Unfitting(HighFiveError):
 def is_checkpoint(path: Path) -> bool:
     """Whether the file was written by :meth:`Checkpoint.save`, for whatever training."""
     try:
-        with np.load(path, allow_pickle=False) as stored:
-            return isinstance(json.loads(str(stored["owner"])), dict)
+        arrays = read_npz(path) or {}
+        return isinstance(json.loads(str(arrays["owner"])), dict)
     except Exception:  # as in Checkpoint.load; a file of one array has no entries at all
         return False
 
@@ -64,9 +65,8 @@ class Checkpoint:
         if not self.path.exists():
             return None
         try:
-            with np.load(self.path, allow_pickle=False) as stored:
-                arrays = {name: stored[name] for name in stored.files}
-            owner = json.loads(str(arrays.pop("owner")))
+            arrays = read_npz(self.path) or {}
+            owner: dict[str, Any] = dict(json.loads(str(arrays.pop("owner"))))
         except Exception as error:  # zipfile, zlib and numpy each have their own for a damaged file
             raise Unfitting(f"{self.path} is not a whole checkpoint ({type(error).__name__})") from None
         if owner != dict(self.owner):

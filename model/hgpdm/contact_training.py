@@ -15,8 +15,9 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
 from highfive.model.gp.kernels import MotionKernel
-from highfive.model.gp.optimise import ProgressCallback, minimise
+from highfive.model.gp.optimise import ProgressCallback
 from highfive.model.gp.posterior import Posterior
+from highfive.model.gp.regression import learned
 from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.arm_features import arm_history, fit_arm_features, have_arms
 from highfive.model.hgpdm.contact_layer import (
@@ -31,6 +32,7 @@ from highfive.model.hgpdm.contact_layer import (
 )
 from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
 from highfive.model.hgpdm.features import FeatureMap
+from highfive.model.hgpdm.tempo import tempo_history
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.settings import Settings, setting
 
@@ -134,8 +136,9 @@ def fit_contact_layers(
     if not whole_arm:
         return hand_layer, None
     arms, _, _ = approaches(trials, arm_history)
-    features = fit_arm_features(arms)
-    arm = _fitted(features(arms), left, number, inducing, seed, progress, settings)
+    tempo, _, _ = approaches(trials, tempo_history)
+    features = fit_arm_features(arms, tempo)
+    arm = _fitted(features(arms, tempo), left, number, inducing, seed, progress, settings)
     both = _Fitted(arm.posterior, pooled(arm.error, hand.error), pooled(arm.variance, hand.variance))
     return hand_layer, ArmContactLayer(
         features, ContactLayer(arm.posterior, _calibration(both, left, number, settings))
@@ -165,17 +168,9 @@ def _fitted(
     chosen = np.sort(np.random.default_rng(seed).choice(count, min(inducing, count), replace=False, p=share))
     start = Layer(MotionKernel.initial(dims), jnp.asarray(features[chosen]), sparse.raw_noise(0.2, settings.noise))
 
-    points, weights = jnp.asarray(features), jnp.asarray(counts)
-
-    def value(layer: Layer):
-        noise = sparse.noise_variance(layer.raw_noise, settings.noise)
-        total = sparse.negative_log_likelihood(layer, points, targets, noise, variational=True, weights=weights)
-        return total / count
-
-    layer, _ = minimise(
-        value, start, settings.iterations, settings.iterations, stage="looking ahead", progress=progress
-    )
-    noise = sparse.noise_variance(layer.raw_noise, settings.noise)
+    points, weights, steps = jnp.asarray(features), jnp.asarray(counts), settings.iterations
+    stage = "looking ahead"
+    layer, noise = learned(start, points, targets, settings.noise, steps, steps, stage, progress, weights=weights)
 
     def posterior(rows: NDArray[np.bool_]) -> Posterior:
         units = {"offset": jnp.asarray(offset), "scale": jnp.asarray(scale)}
@@ -202,8 +197,19 @@ def _calibration(fitted: _Fitted, left: Array, number: NDArray[np.int64], settin
     """Factors (KNOTS, 2) by what was said of trials that were left out; of one trial alone, ones."""
     if not _folds(number, settings):
         return np.ones((len(KNOTS), 2))
-    squares = fitted.error**2 / fitted.variance
-    return _scales(left[:, 3] + fitted.error[:, 3], squares, int(number[-1]) + 1, settings)
+    return calibration(fitted.error, fitted.variance, left, number, settings)
+
+
+def calibration(
+    error: Array, variance: Array, left: Array, number: NDArray[np.int64],
+    settings: ContactTrainingSettings = CONTACT_TRAINING,
+) -> Array:  # fmt: skip
+    """Factors (KNOTS, 2) by errors and variances (n, 4) of trials ``number`` (n,) that were left out.
+
+    ``left`` (n, 4) is what was left of way and time.
+    """
+    squares = error**2 / variance
+    return _scales(left[:, 3] + error[:, 3], squares, int(number[-1]) + 1, settings)
 
 
 def _scales(time: Array, squares: Array, trials: int, settings: ContactTrainingSettings = CONTACT_TRAINING) -> Array:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.presets import Preset
-from highfive.model.hgpdm.trials import Trial
+from highfive.model.hgpdm.trials import Gesture, Trial
 
 CLOCK_SCALE = 0.4
 """s; the contact clock tanh((contact − t) / CLOCK_SCALE) is nearly linear this long before and after contact."""
@@ -86,7 +86,7 @@ class TrainingSet:
     data_hash: str
 
 
-def hand_history(trial: Trial, times: Array, history: Sequence[float]) -> Array:
+def hand_history(trial: Trial | Gesture, times: Array, history: Sequence[float]) -> Array:
     """The hand (T, H + 1, 6), m, at ``times`` (T,) s from the first frame and at each ``history`` s before.
 
     Interpolated linearly, so that it does not depend on the frame rate; before the first frame the hand is still.
@@ -134,6 +134,13 @@ def check_trial(trial: Trial, number: int, joints: int) -> None:
         raise HighFiveError(f"{where}: contact frame {trial.contact_frame} is outside its {frames} frames")
 
 
+def sampling(trials: Sequence[Trial], preset: Preset) -> tuple[float, float]:
+    """Length of the trials together, s, and the common rate, Hz, at which they are sampled."""
+    seconds = sum(len(trial.joints) / trial.rate_hz for trial in trials)
+    rate = max(preset.points / seconds, MINIMUM_SAMPLE_RATE)
+    return seconds, min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), rate)
+
+
 def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str] | None = None) -> TrainingSet:
     """Samples trials (held-out ones left out) at one common rate: about ``preset.points`` points, or 10 Hz.
 
@@ -152,9 +159,7 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
     if missing := [name for name in emotions if name not in found]:
         raise HighFiveError(f"no training trial of emotion {', '.join(missing)}; there are {', '.join(found)}")
 
-    seconds = sum(len(trial.joints) / trial.rate_hz for trial in trials)
-    rate = max(preset.points / seconds, MINIMUM_SAMPLE_RATE)
-    highest = min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), rate)
+    _, highest = sampling(trials, preset)
     times = [np.arange(0.0, (len(trial.joints) - 1) / trial.rate_hz + 1e-9, 1.0 / highest) for trial in trials]
     history = np.concatenate([hand_history(t, at, preset.history) for t, at in zip(trials, times, strict=True)])
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])

@@ -26,6 +26,17 @@ class FeatureMap:
         return history.reshape(*history.shape[:-2], -1) @ self.matrix.T + self.offset
 
 
+def scales(raw: Array, vectors: int, still: float) -> tuple[Array, Array]:
+    """Centre and factor (F,) of features (N, F): ``vectors`` of three components, then lengths.
+
+    One factor each keeps the vectors' directions. What varies by less than ``still`` counts as if it varied so much.
+    """
+    variance = raw.var(axis=0)
+    turning, lengths = variance[: 3 * vectors].reshape(-1, 3), variance[3 * vectors :]
+    deviation = np.sqrt(np.concatenate([np.repeat(turning.mean(axis=1), 3), lengths]))
+    return raw.mean(axis=0), 1.0 / np.maximum(deviation, still)
+
+
 def fit_feature_map(history: Array) -> FeatureMap:
     """Scales the features of histories (N, H + 1, P): positions by one factor, the differences of a time by one.
 

@@ -31,6 +31,7 @@ class Preset:
     channel_tolerance: float  # share of Y1's variance left to the noise when its channels are compressed
     adam_steps: int  # steps of Adam at the beginning of joint training
     iterations: int  # steps of joint training in all; those after Adam's are of L-BFGS
+    pooled: bool = False  # a regression and neighbours answer beside the hierarchy (model/hgpdm/pose_ensemble.py)
 
     def with_iterations(self, iterations: int) -> Preset:
         """The preset with so many steps, in the same proportion of Adam and L-BFGS."""
@@ -82,8 +83,10 @@ DEFAULT = Preset(
     channel_tolerance=1e-3,
     adam_steps=150,
     iterations=150,
+    pooled=True,
 )
-"""Larger latents, jointly learned back constraints on the hand and its short history, bounded upper-layer noise."""
+"""Larger latents, jointly learned back constraints on the hand and its short history, bounded upper-layer noise, and
+direct answers beside the hierarchy."""
 
 PRESETS = {preset.name: preset for preset in (DEFAULT, PAPER)}
 

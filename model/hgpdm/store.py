@@ -13,23 +13,40 @@ from safetensors import SafetensorError, safe_open
 from safetensors.numpy import save
 
 from highfive.model.errors import HighFiveError
-from highfive.model.files import DEFAULT_MODEL, write_whole
+from highfive.model.files import DEFAULT_MODEL, check_size, write_whole
+from highfive.model.geometry.arm_chain import ArmChain
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.posterior import MotionParameters, Posterior
 from highfive.model.hgpdm.arm_features import SIZE, ArmFeatures
 from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ArmContactLayer, ContactLayer
 from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS
 from highfive.model.hgpdm.features import FeatureMap
+from highfive.model.hgpdm.intent_features import SIZE as INTENT_SIZE
+from highfive.model.hgpdm.intent_features import IntentFeatures
+from highfive.model.hgpdm.intent_layer import IntentLayer
+from highfive.model.hgpdm.pose_ensemble import Neighbours, PoseEnsemble
 from highfive.model.hgpdm.presets import Preset
+from highfive.model.hgpdm.task_space import KNOTS as TASK_KNOTS
+from highfive.model.hgpdm.task_space import TaskSpace
+from highfive.model.hgpdm.tempo import TEMPO
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.toml_file import is_table
 
 VERSION = 4
+MOST_BYTES = 2 << 30
+"""Of a file; the model that comes along has 6 MB."""
 KIND = "high-five hgpdm"
 LAYERS = ("dynamics", "interaction", "human", "avatar")
 ARRAYS = ("start_mean", "start_covariance")
 PICTURED = ("interaction_latents", "avatar_latents", "human_latents", "learning_curve")  # float32: for pictures only
 INDICES = ("trial", "emotion")
+ARM_FEATURES = tuple(field.name for field in fields(ArmFeatures))
+NEIGHBOURS = tuple(field.name for field in fields(Neighbours))
+
+# What the library raises: the last three where NumPy has no such type (bfloat16, …), or there is no room.
+_UNREADABLE = (SafetensorError, TypeError, AttributeError, MemoryError)
+# What values make that have another type, shape or size than a model's.
+_MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 
 
 def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
@@ -49,7 +66,17 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
     if model.arm_contact is not None:
         arrays |= _layer_arrays("arm_contact", model.arm_contact.layer.posterior)
         arrays |= {"arm_contact.scales": model.arm_contact.layer.scales}
-        arrays |= {f"arm_features.{name}": getattr(model.arm_contact.features, name) for name in ("centre", "factor")}
+        arrays |= {f"arm_features.{name}": getattr(model.arm_contact.features, name) for name in ARM_FEATURES}
+    if model.ensemble is not None:
+        arrays |= _layer_arrays("direct", model.ensemble.regression) | {"direct.spread": model.ensemble.spread}
+        arrays |= {f"neighbours.{name}": getattr(model.ensemble.neighbours, name) for name in NEIGHBOURS}
+    if model.task_space is not None:
+        space = model.task_space
+        arrays |= {f"palm_chain.{name}": value for name, value in space.chain._asdict().items()}
+        arrays |= {"task_space.covariance": space.covariance, "task_space.slopes": space.slopes}
+    if model.intent is not None:
+        arrays |= _layer_arrays("intent", model.intent.posterior) | {"intent.squash": model.intent.squash}
+        arrays |= {f"intent_features.{name}": getattr(model.intent.features, name) for name in ("centre", "factor")}
     description = {
         "kind": KIND,
         "version": VERSION,
@@ -82,14 +109,12 @@ def load_model(path: Path | str = DEFAULT_MODEL, skeleton_hash: str | None = Non
     if not Path(path).is_file():
         raise HighFiveError(f"no model file {path}; `highfive train` makes one")
     try:
-        with safe_open(str(path), framework="numpy") as file:
-            metadata = file.metadata() or {}
-            arrays = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except (SafetensorError, OSError) as error:
+        metadata, arrays = _read(Path(path))
+    except (*_UNREADABLE, OSError) as error:
         raise HighFiveError(f"{path} is not a model file, or it is cut short ({error})") from None
     try:
         description: Any = json.loads(metadata.get("model", "{}"))
-    except json.JSONDecodeError:
+    except (ValueError, RecursionError):
         description = {}
     if not is_table(description) or description.get("kind") != KIND:
         raise HighFiveError(f"{path} is a safetensors file but not a High Five model")
@@ -105,7 +130,7 @@ def load_model(path: Path | str = DEFAULT_MODEL, skeleton_hash: str | None = Non
     try:
         model = _build(description, arrays)
         _check_shapes(model)
-    except (KeyError, TypeError, ValueError) as error:
+    except _MALFORMED as error:
         raise HighFiveError(f"{path} is a damaged model: {type(error).__name__} {error}") from None
     return model
 
@@ -126,10 +151,16 @@ def load_layer(path: Path | str) -> Posterior:
         HighFiveError: the file is missing or damaged.
     """
     try:
-        with safe_open(str(path), framework="numpy") as file:
-            return _layer("layer", {name: file.get_tensor(name) for name in file.keys()})  # noqa: SIM118
-    except (SafetensorError, OSError, KeyError) as error:
+        return _layer("layer", _read(Path(path))[1])
+    except (*_UNREADABLE, *_MALFORMED, OSError) as error:
         raise HighFiveError(f"{path} is not a trained layer ({error}); delete it to train it again") from None
+
+
+def _read(path: Path) -> tuple[Mapping[str, str], dict[str, Array]]:
+    """The texts and the arrays of a file."""
+    check_size(path, MOST_BYTES)
+    with safe_open(str(path), framework="numpy") as file:
+        return file.metadata() or {}, {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (no mapping)
 
 
 def _layer_arrays(name: str, layer: Posterior) -> dict[str, Array]:
@@ -168,7 +199,7 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
             raise ValueError(f"{name} holds NaN or infinity")
     preset: dict[str, Any] = dict(description["preset"])
     for field in fields(Preset):
-        if isinstance(preset[field.name], list):
+        if isinstance(preset.get(field.name), list):
             preset[field.name] = tuple(preset[field.name])
     return HGPDM(
         preset=Preset(**preset),
@@ -196,12 +227,42 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         emotion=arrays["emotion"].astype(np.int32),
         learning_curve=arrays.get("learning_curve", np.zeros(0)).astype(np.float32),
         arm_contact=ArmContactLayer(
-            ArmFeatures(arrays["arm_features.centre"], arrays["arm_features.factor"]),
+            _arm_features(arrays),
             ContactLayer(_layer("arm_contact", arrays), arrays["arm_contact.scales"]),
         )
         if "arm_contact.scales" in arrays
         else None,
+        task_space=_task_space(arrays) if "task_space.slopes" in arrays else None,
+        ensemble=PoseEnsemble(
+            _layer("direct", arrays),
+            _neighbours(arrays),
+            arrays["direct.spread"],
+        )
+        if "direct.spread" in arrays
+        else None,
+        intent=IntentLayer(
+            IntentFeatures(arrays["intent_features.centre"], arrays["intent_features.factor"]),
+            _layer("intent", arrays),
+            arrays["intent.squash"],
+        )
+        if "intent.squash" in arrays
+        else None,
     )
+
+
+def _arm_features(arrays: Mapping[str, Any]) -> ArmFeatures:
+    if "arm_features.furthest" not in arrays:
+        raise ValueError("its layer of the whole arm knows no tempo; train it again")
+    return ArmFeatures(*(arrays[f"arm_features.{name}"] for name in ARM_FEATURES))
+
+
+def _task_space(arrays: Mapping[str, Any]) -> TaskSpace:
+    chain = ArmChain(*(arrays[f"palm_chain.{name}"] for name in ArmChain._fields))
+    return TaskSpace(chain, arrays["task_space.covariance"], arrays["task_space.slopes"])
+
+
+def _neighbours(arrays: Mapping[str, Any]) -> Neighbours:
+    return Neighbours(**{name: arrays[f"neighbours.{name}"] for name in NEIGHBOURS})
 
 
 def _check_shapes(model: HGPDM) -> None:
@@ -219,15 +280,7 @@ def _check_shapes(model: HGPDM) -> None:
     inputs = len(model.feature_map.offset)
     if model.feature_map.matrix.shape != (inputs, history):
         raise ValueError(f"features of shape {model.feature_map.matrix.shape}, expected {(inputs, history)}")
-    if model.contact is not None:
-        _check_layer("contact", model.contact.posterior, inputs, CHANNELS)
-        _check_scales(model.contact)
-    if model.arm_contact is not None:
-        features = model.arm_contact.features
-        if features.centre.shape != (SIZE,) or features.factor.shape != (SIZE,):
-            raise ValueError(f"features of the arm of shape {features.factor.shape}, expected {(SIZE,)}")
-        _check_layer("arm_contact", model.arm_contact.layer.posterior, SIZE, CHANNELS)
-        _check_scales(model.arm_contact.layer)
+    _check_beside(model, inputs)
     for number, stage in enumerate(model.back):
         _check_layer(f"back.{number}", stage, inputs, stage.weights.shape[1])
         inputs = stage.weights.shape[1]
@@ -237,6 +290,56 @@ def _check_shapes(model: HGPDM) -> None:
     style = model.avatar.style_covariance
     if style is None or style.shape != (len(model.emotions),) * 2:
         raise ValueError(f"the avatar layer does not have {len(model.emotions)} styles")
+
+
+def _check_beside(model: HGPDM, inputs: int) -> None:
+    """Raises ValueError unless what stands beside the hierarchy fits; ``inputs`` are the hand's features."""
+    if model.contact is not None:
+        _check_layer("contact", model.contact.posterior, inputs, CHANNELS)
+        _check_scales(model.contact)
+    if model.arm_contact is not None:
+        features = model.arm_contact.features
+        shapes = features.centre.shape, features.factor.shape, features.furthest.shape
+        if shapes != ((SIZE,), (SIZE,), (TEMPO,)):
+            raise ValueError(f"features of the arm of shapes {shapes}, expected {((SIZE,), (SIZE,), (TEMPO,))}")
+        _check_layer("arm_contact", model.arm_contact.layer.posterior, SIZE, CHANNELS)
+        _check_scales(model.arm_contact.layer)
+    if model.ensemble is not None:
+        _check_ensemble(model.ensemble, inputs, model.joints + AUXILIARY, len(model.emotions))
+    if model.task_space is not None:
+        _check_task_space(model.task_space, model.joints)
+    if model.intent is not None:
+        intent = model.intent.features
+        if intent.centre.shape != (INTENT_SIZE,) or intent.factor.shape != (INTENT_SIZE,):
+            raise ValueError(f"features of the intent of shape {intent.factor.shape}, expected {(INTENT_SIZE,)}")
+        _check_layer("intent", model.intent.posterior, INTENT_SIZE, 1)
+        if model.intent.squash.shape != (2,):
+            raise ValueError(f"a calibration of the intent of shape {model.intent.squash.shape}, expected (2,)")
+
+
+def _check_ensemble(ensemble: PoseEnsemble, inputs: int, channels: int, styles: int) -> None:
+    _check_layer("direct", ensemble.regression, inputs, channels)
+    style = ensemble.regression.style_covariance
+    if style is None or style.shape != (styles, styles) or ensemble.spread.shape != (channels,):
+        raise ValueError(f"direct answers do not have {styles} styles and {channels} channels")
+    near = ensemble.neighbours
+    count, size = len(near.features), len(near.basis)
+    shapes = tuple(getattr(near, name).shape for name in ("features", "scores", "basis", "offset", "first", "usual"))
+    if shapes != ((count, inputs), (count, size), (size, channels), (channels,), (styles + 1,), ()):
+        raise ValueError(f"neighbours of shapes {shapes}")
+    if near.first[0] != 0 or near.first[-1] != count or np.any(np.diff(near.first) < 0):
+        raise ValueError(f"neighbours of styles that begin at {near.first.tolist()}, of {count} points")
+
+
+def _check_task_space(space: TaskSpace, joints: int) -> None:
+    chain = space.chain
+    count = len(chain.joints)
+    shapes = (*(part.shape for part in chain), space.covariance.shape, space.slopes.shape)
+    size = 3 + 3 * count
+    if shapes != ((count,), (count, 3), (count, 3, 3), (3,), (size, size), (2, len(TASK_KNOTS))):
+        raise ValueError(f"a task space of shapes {shapes}")
+    if count == 0 or chain.joints.min() < 0 or 3 * chain.joints.max() >= joints:
+        raise ValueError(f"a palm carried by joints {chain.joints.tolist()}, of {joints // 3}")
 
 
 def _check_scales(layer: ContactLayer) -> None:
@@ -251,3 +354,8 @@ def _check_layer(name: str, layer: Posterior, inputs: int, outputs: int) -> None
     shapes = (layer.inducing.shape, layer.weights.shape, layer.reduction.shape, layer.offset.shape, layer.scale.shape)
     if shapes != ((count, inputs), (count, outputs), (count, count), (outputs,), (outputs,)):
         raise ValueError(f"layer {name} has shapes {shapes}, expected {inputs} inputs and {outputs} outputs")
+    if np.any(np.asarray(layer.noise) < 0.0):
+        raise ValueError(f"layer {name} has a noise of {np.min(np.asarray(layer.noise)):g}, expected 0 or more")
+    sizes = [np.shape(getattr(layer.kernel, part, np.zeros(inputs))) for part in ("log_lengthscale", "log_linear")]
+    if sizes != [(inputs,), (inputs,)]:  # of a kernel that has both; a session needs no JAX to look
+        raise ValueError(f"layer {name} has a kernel of {sizes}, expected {inputs} inputs")

@@ -13,7 +13,10 @@ from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm.contact_layer import ArmContactLayer, ContactLayer
 from highfive.model.hgpdm.dataset import Channels
 from highfive.model.hgpdm.features import FeatureMap
+from highfive.model.hgpdm.intent_layer import IntentLayer
+from highfive.model.hgpdm.pose_ensemble import PoseEnsemble
 from highfive.model.hgpdm.presets import Preset
+from highfive.model.hgpdm.task_space import TaskSpace
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,10 @@ class HGPDM:
         learning_curve: (steps,) objective after each step of the training; empty in files of an earlier version.
         arm_contact: from the whole arm to where and when the palms will meet; None where it was not trained on arms,
             as in files of an earlier version.
+        task_space: how the palm is led to where the palms will meet; None where that was not learned.
+        ensemble: what answers beside the hierarchy; None where nothing does, as in files of an earlier version.
+        intent: from the hand to whether a contact is coming; None where nothing else than high fives was learned from,
+            as in files of an earlier version.
     """
 
     preset: Preset
@@ -66,6 +73,9 @@ class HGPDM:
     emotion: NDArray[np.int32]
     learning_curve: NDArray[np.float32]
     arm_contact: ArmContactLayer | None = None
+    ensemble: PoseEnsemble | None = None
+    task_space: TaskSpace | None = None
+    intent: IntentLayer | None = None
 
     @property
     def channels(self) -> Channels:

@@ -13,15 +13,18 @@ import jax.numpy as jnp
 import numpy as np
 
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.arm_chain import ArmChain
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
 from highfive.model.gp.kernels import MotionKernel, add_jitter
 from highfive.model.gp.optimise import ProgressCallback, State, minimise
 from highfive.model.gp.posterior import Posterior
+from highfive.model.gp.regression import learned
 from highfive.model.gp.sparse import Layer, Targets
+from highfive.model.hgpdm.arm_features import have_arms
 from highfive.model.hgpdm.checkpoint import Checkpoint
 from highfive.model.hgpdm.contact_training import fit_contact_layers
-from highfive.model.hgpdm.dataset import TrainingSet, training_set
+from highfive.model.hgpdm.dataset import AUXILIARY, TrainingSet, training_set
 from highfive.model.hgpdm.hierarchy import (
     Latents,
     Parameters,
@@ -37,11 +40,14 @@ from highfive.model.hgpdm.hierarchy import (
     problem,
 )
 from highfive.model.hgpdm.initial import initial_parameters
+from highfive.model.hgpdm.intent_training import fit_intent
+from highfive.model.hgpdm.pose_ensemble_training import LeftOut, fit_ensemble
 from highfive.model.hgpdm.presets import Preset, preset_named
 from highfive.model.hgpdm.restarts import Best, Say, best_of
 from highfive.model.hgpdm.sharding import spread
+from highfive.model.hgpdm.task_space_training import fit_task_space
 from highfive.model.hgpdm.trained import HGPDM
-from highfive.model.hgpdm.trials import Trial
+from highfive.model.hgpdm.trials import Gesture, Trial
 from highfive.model.settings import Settings, setting
 
 
@@ -75,7 +81,9 @@ def train(
     restarts: int = 1,
     say: Say = lambda line: None,
     *,
-    whole_arm: bool = False,
+    whole_arm: bool | None = None,
+    chain: ArmChain | None = None,
+    gestures: Sequence[Gesture] = (),
 ) -> HGPDM:
     """Trains a model on the trials that are not held out.
 
@@ -90,19 +98,29 @@ def train(
         checkpoint: file that training writes as it goes and resumes from after an interruption; it stays there.
         restarts: so many seeds, from ``seed`` on; the one with the lowest objective is kept.
         say: called with a line about what a user should know: that it resumes, that a seed failed.
-        whole_arm: elbow, shoulder and head, too, tell where and when the palms will meet.
+        whole_arm: elbow, shoulder and head, too, tell where and when palms will meet; None: if all trials have them.
+        chain: the joints that carry the avatar's palm, which is led to where the palms will meet; None leads none.
+        gestures: raised hands to which no contact comes; those held out are left out. Of none, the model does not learn
+            to tell whether a contact is coming, and every raised hand is met.
 
     Raises:
         HighFiveError: the data cannot be learned from, or the optimisation fails; the message says what to change.
     """
     chosen = preset_named(preset) if isinstance(preset, str) else preset
     data = training_set(trials, chosen, emotions)
-    model = train_on(data, chosen, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
+    task = problem(data, chosen)
+    model, left_out = _train_on(task, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
     learned = [trial for trial in trials if not trial.test]
+    arms = have_arms(learned) if whole_arm is None else whole_arm
     contact, arm = fit_contact_layers(
-        learned, model.feature_map, chosen.history, inducing, seed, progress, whole_arm=whole_arm
+        learned, model.feature_map, chosen.history, inducing, seed, progress, whole_arm=arms
     )
-    return replace(model, contact=contact, arm_contact=arm)
+    led = None
+    if chain is not None and left_out is not None:
+        led = fit_task_space(learned, task, contact, left_out, chain)
+    others = [gesture for gesture in gestures if not gesture.test]
+    intent = fit_intent(learned, others, seed, progress) if others else None
+    return replace(model, contact=contact, arm_contact=arm, task_space=led, intent=intent)
 
 
 def train_on(
@@ -117,11 +135,26 @@ def train_on(
     say: Say = lambda line: None,
 ) -> HGPDM:
     """Trains a model on training points, whatever their channels are; see :func:`train`."""
+    task = problem(data, chosen)
+    return _train_on(task, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)[0]
+
+
+def _train_on(
+    task: Problem,
+    inducing: int,
+    seed: int,
+    skeleton_hash: str,
+    progress: ProgressCallback | None,
+    checkpoint: Path | str | None,
+    restarts: int,
+    say: Say,
+) -> tuple[HGPDM, LeftOut | None]:
+    """The model, and what its direct answers are of trials that were left out, where it has such answers."""
+    data, chosen = task.data, task.preset
     if inducing < 2:
         raise HighFiveError(f"{inducing} inducing inputs; at least 2 are needed, 200 are usual")
     if restarts < 1 or chosen.iterations < 1:
         raise HighFiveError(f"{restarts} restarts of {chosen.iterations} steps; at least one of each is needed")
-    task = problem(data, chosen)
     spread_task = spread(task)
     owner = {"preset": chosen.name, "steps": chosen.iterations, "inducing": inducing, "seed": seed}
     owner |= {"restarts": restarts, "data": data.data_hash, "values": f"{zlib.crc32(repr(chosen).encode()):08x}"}
@@ -152,7 +185,11 @@ def train_on(
         None if checkpoint is None else Checkpoint(Path(checkpoint), owner),
         say,
     )
-    return assemble(best.parameters, task, skeleton_hash, _settings(best, data, inducing), best.trace, progress)
+    model = assemble(best.parameters, task, skeleton_hash, _settings(best, data, inducing), best.trace, progress)
+    if not chosen.pooled:
+        return model, None
+    ensemble, left_out = fit_ensemble(model, task, inducing, seed, progress)
+    return replace(model, ensemble=ensemble), left_out
 
 
 def _settings(best: Best[Parameters], data: TrainingSet, inducing: int) -> dict[str, Any]:
@@ -214,7 +251,7 @@ def assemble(
         skeleton_hash=skeleton_hash,
         data_hash=data.data_hash,
         settings=settings,
-        joints=data.outputs.shape[1] - 10,
+        joints=data.outputs.shape[1] - AUXILIARY,
         lag=data.lag,
         feature_map=task.feature_map,
         back=_back_projections(parameters, task, lat, progress),
@@ -264,8 +301,8 @@ def _back_projections(
     back, dims = parameters.back, (parameters.back.interaction.shape[1], parameters.back.avatar.shape[1])
     weights = back_weights(back)
     weights = jnp.concatenate([weights[:, : dims[0]], weights[:, -dims[1] :]], axis=1)
-    k_fu = back.kernel.cross(jnp.asarray(task.features), back.inducing)
-    centre, deviation = gauge(k_fu @ weights)
+    plain = Posterior(back.kernel, back.inducing, None, None, weights, jnp.zeros(()), weights, weights, weights)
+    centre, deviation = gauge(sparse.means(plain, task.features))
     k_uu = add_jitter(back.kernel.cross(back.inducing, back.inducing))
     # The variance that inducing inputs leave unexplained is small near the training data and large far from it. A share
     # of it is enough to notice strangers; all of it would hold the filter back where the functions are right.
@@ -295,14 +332,6 @@ def _regression(
     kernel = MotionKernel.initial(points.shape[1])
     layer = Layer(kernel, jnp.asarray(points[chosen]), sparse.raw_noise(0.3, BACK_PROJECTION.bounds))
     targets = Targets(values, values.shape[1], 0.0)
-
-    def value(candidate: Layer) -> jax.Array:
-        noise = sparse.noise_variance(candidate.raw_noise, BACK_PROJECTION.bounds)
-        return sparse.negative_log_likelihood(candidate, jnp.asarray(points), targets, noise, variational=True) / len(
-            points
-        )
-
-    layer, _ = minimise(value, layer, BACK_PROJECTION.iterations, stage=stage, progress=progress)
-    return sparse.fit(
-        layer, jnp.asarray(points), values, sparse.noise_variance(layer.raw_noise, BACK_PROJECTION.bounds)
-    )
+    bounds, steps = BACK_PROJECTION.bounds, BACK_PROJECTION.iterations
+    layer, noise = learned(layer, jnp.asarray(points), targets, bounds, steps, 0, stage, progress)
+    return sparse.fit(layer, jnp.asarray(points), values, noise)

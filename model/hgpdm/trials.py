@@ -40,3 +40,20 @@ class Trial:
     repetition: int
     test: bool
     arm_points: Float[np.ndarray, "T 3 3"] | None = None
+
+
+@dataclass(frozen=True)
+class Gesture:
+    """A person's right hand in a trial in which no contact comes.
+
+    Attributes:
+        rate_hz: frames per second.
+        hand_points: (T, 2, 3) m, wrist and knuckle centre, as of a :class:`Trial`.
+        name: what she does, '' where not known.
+        test: the trial is held out.
+    """
+
+    rate_hz: float
+    hand_points: Float[np.ndarray, "T 2 3"]
+    name: str = ""
+    test: bool = False

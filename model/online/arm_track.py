@@ -9,15 +9,18 @@ import numpy as np
 from highfive.model.compiled import compiled_entry
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.arm_features import (
+    ARM_SIZE,
     COORDINATES,
     HISTORY,
     LINEAR,
+    SHOULDER,
     SIZE,
     features_of,
     pulled_back,
 )
 from highfive.model.hgpdm.contact_layer import ARM_SHARE, CHANNELS, ArmContactLayer, pooled
 from highfive.model.hgpdm.dataset import KNUCKLES
+from highfive.model.hgpdm.tempo import SPANS, STATE, TEMPO, at_rest, moved, tempo_of, unseen
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.belief import packed, tick_weights
 from highfive.model.online.contact_forecast import ContactForecast, contact_forecast
@@ -49,11 +52,13 @@ class LastArm(NamedTuple):
 
     Attributes:
         ticks: (L, 2, 15) m, and variances, m², newest first.
+        tempo: (STATE,), of the reach.
         ago: s, since then.
         share: of what it says in the pooled forecast.
     """
 
     ticks: Array
+    tempo: Array
     ago: float
     share: float
 
@@ -66,17 +71,22 @@ class ArmTrack:
         self._layer, self._contact = layer.layer, packed(layer.layer.posterior)
         self._features = layer.features
         self._ticks, self._seconds = tick_weights(HISTORY, rate_hz), 1.0 / rate_hz
+        self._before = tick_weights(SPANS, rate_hz)[1:].mean(axis=0)
         self.reset()
         nothing = np.zeros(6), np.zeros(6), ArmPoints(np.zeros((3, 3)), np.zeros((3, 3, 3)))
-        self.step(*nothing)
+        for _ in range(2):
+            self.step(*nothing)
         self.reset()
         ticks = np.zeros((self._ticks.shape[1], 2, COORDINATES))
-        self.forecast(LastArm(ticks, 0.0, ARM_SHARE), np.zeros(3), (np.zeros(CHANNELS), np.eye(CHANNELS)))
+        self.forecast(
+            LastArm(ticks, np.zeros(STATE), 0.0, ARM_SHARE), np.zeros(3), (np.zeros(CHANNELS), np.eye(CHANNELS))
+        )
 
     def reset(self) -> None:
         """Nobody is there yet: whoever comes first has stood still before."""
         self._rows, self._first, self._started, self._away = np.empty((0, 2, COORDINATES)), 0, False, 0
         self._last: LastArm | None = None
+        self._tempo, self._hidden = np.zeros(STATE), 0
 
     def step(self, hand: Array | None, variance: Array, arm: ArmPoints | None) -> LastArm | None:
         """One tick: what is to be said of the arm; None where nothing is.
@@ -90,8 +100,7 @@ class ArmTrack:
             arm: the rest; None where it is not known.
         """
         if hand is None or arm is None:
-            self.hide()
-            return self._fading(None)
+            return self.hide()
         count = self._ticks.shape[1]
         if self._first == 0:
             rows = np.empty((_WINDOWS * count, 2, COORDINATES))
@@ -102,22 +111,29 @@ class ArmTrack:
         _write(self._rows[self._first], hand, variance, arm.points, arm.covariance)
         if not self._started:
             self._rows[self._first + 1 :] = self._rows[self._first]
-        self._started, self._away = True, max(self._away - 1, 0)
-        return self._fading(self._rows[self._first : self._first + count] if self._away == 0 else None)
+        self._away = max(self._away - 1, 0)
+        rows = self._rows[self._first : self._first + count]
+        self._tempo = self._tempo.copy()  # what was said before keeps its own
+        known = self._ticks.shape[1] - self._away  # ticks since a point was hidden
+        _advance(self._tempo, self._before, rows, self._seconds, self._started, known, self._hidden)
+        self._started, self._hidden = True, 0
+        return self._fading(rows if self._away == 0 else None)
 
-    def hide(self) -> None:
-        """A point is hidden in this tick."""
+    def hide(self, ticks: int = 1) -> LastArm | None:
+        """A point is hidden in this tick, or in so many: what is still to be said."""
         if self._started:
-            self._away = self._ticks.shape[1]
+            self._away, self._hidden = self._ticks.shape[1], self._hidden + ticks
+        return self._fading(None, ticks)
 
-    def _fading(self, ticks: Array | None) -> LastArm | None:
-        """With these ticks its share grows; without, it is what it was, and shrinks."""
-        last, change = self._last, ARM_SHARE * self._seconds / FADE
+    def _fading(self, ticks: Array | None, count: int = 1) -> LastArm | None:
+        """With these ticks its share grows; without, for a ``count`` of them, it is what it was, and shrinks."""
+        last, seconds = self._last, count * self._seconds
+        change = ARM_SHARE * seconds / FADE
         if ticks is not None:
             share = ARM_SHARE if last is None else min(last.share + change, ARM_SHARE)
-            self._last = LastArm(ticks, 0.0, share)
+            self._last = LastArm(ticks, self._tempo, 0.0, share)
         elif last is not None:
-            self._last = LastArm(last.ticks, last.ago + self._seconds, max(last.share - change, 0.0))
+            self._last = last._replace(ago=last.ago + seconds, share=max(last.share - change, 0.0))
         return self._last if self._last is not None and self._last.share > 0.0 else None
 
     def forecast(self, arm: LastArm, knuckles: Array, hand: tuple[Array, Array]) -> ContactForecast:
@@ -129,13 +145,21 @@ class ArmTrack:
             hand: way and time left by its layer, (4,) and (4, 4).
         """
         features = self._features
-        by_arm, covariance = _forecast(LINEAR, features.centre, features.factor, self._ticks, self._contact, arm.ticks)
+        tempo = np.empty(TEMPO)
+        known = known_tempo(arm.tempo, features.furthest, tempo)
+        by_arm, covariance = _forecast(
+            LINEAR, features.centre, features.factor, self._ticks, self._contact, arm.ticks, tempo
+        )
         by_arm[:3] += arm.ticks[0, 0, KNUCKLES] - knuckles  # what was said a while ago
         by_arm[3] -= arm.ago
-        left, doubt = (pooled(one, other, arm.share) for one, other in zip((by_arm, covariance), hand, strict=True))
+        share = arm.share * known
+        left, doubt = (pooled(one, other, share) for one, other in zip((by_arm, covariance), hand, strict=True))
         return contact_forecast(knuckles, left, doubt, self._layer)
 
 
+BEYOND = 0.15
+"""Of the largest that training had, or of 1: a tempo that is further beyond it by this begins to count less, by twice
+that it says nothing."""
 FADE = 0.15
 """s, in which the arm's share goes where a point is hidden, and comes back."""
 _WINDOWS = 8
@@ -154,10 +178,43 @@ def _write(row: Array, hand: Array, variance: Array, points: Array, covariance: 
 
 
 @compiled_entry
+def _advance(tempo: Array, weights: Array, rows: Array, seconds: float, started: bool, known: int, hidden: int) -> None:
+    """Another tick of the tempo (STATE,), ``known`` ticks after points were hidden, ``hidden`` before this one."""
+    hand, before = rows[0, 0, KNUCKLES] - rows[0, 0, SHOULDER], np.zeros(3)
+    if not started:
+        at_rest(tempo, hand)
+    elif hidden > 0 or known < len(weights):
+        unseen(tempo, hand, rows[1, 0, KNUCKLES] - rows[1, 0, SHOULDER], seconds * (hidden + 1))
+    else:
+        for tick in range(len(weights)):
+            for i in range(3):
+                before[i] += weights[tick] * (rows[tick, 0, KNUCKLES.start + i] - rows[tick, 0, SHOULDER.start + i])
+        moved(tempo, hand, before, seconds)
+
+
+@compiled_entry
+def known_tempo(state: Array, furthest: Array, value: Array) -> float:
+    """How far a tempo is one that training had, 1 to 0: the least of its features. A hand that gestured before, or
+    waited in mid-air, has moved for longer and further than any reach; it is the hand's layer's alone.
+
+    Args:
+        state: (STATE,), of the reach.
+        furthest: (TEMPO,) that training had.
+        value: (TEMPO,), into which its features are put.
+    """
+    share = 1.0
+    tempo_of(state, value)
+    for f in range(TEMPO):
+        beyond = (value[f] - furthest[f]) / (BEYOND * max(abs(furthest[f]), 1.0))
+        share = min(share, max(2.0 - beyond, 0.0), 1.0)
+    return share
+
+
+@compiled_entry
 def _forecast(
-    linear: Array, centre: Array, factor: Array, ticks: Array, contact: Array, arms: Array
+    linear: Array, centre: Array, factor: Array, ticks: Array, contact: Array, arms: Array, tempo: Array
 ) -> tuple[Array, Array]:
-    """Way and time left: mean (4,) and covariance (4, 4)."""
+    """Way and time left: mean (4,) and covariance (4, 4), by arms and a tempo (TEMPO,)."""
     arm, doubts = np.zeros(len(ticks) * COORDINATES), np.zeros(len(ticks) * COORDINATES)
     for time in range(len(ticks)):
         for tick in range(len(arms)):
@@ -168,6 +225,7 @@ def _forecast(
                     doubts[time * COORDINATES + p] += weight * arms[tick, 1, p]
     value = np.empty(SIZE)
     vectors = features_of(linear, arm, value)
+    value[ARM_SIZE:] = tempo
     for f in range(SIZE):
         value[f] = (value[f] - centre[f]) * factor[f]
     mean, slope, variances = predict_layer(contact, value, np.ones(1))

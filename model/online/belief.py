@@ -17,9 +17,11 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.gp.posterior import Posterior, motion_parameters
 from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
+from highfive.model.hgpdm.intent_features import HISTORY
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast, contact_forecast
+from highfive.model.online.direct_answers import Looking, direct_of, pooled
 from highfive.model.online.tick import forecast, generate, observe, predict, step
 from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
 
@@ -83,12 +85,18 @@ def packed(posterior: Posterior, styles: int = 1) -> Array:
 
 
 class Filter:
-    """A model at a tick rate, ready to move beliefs; it holds no belief itself."""
+    """A model at a tick rate, ready to move beliefs; it holds no belief itself.
+
+    Attributes:
+        settings: of the belief.
+        ticks: so many of a hand a belief holds.
+    """
 
     def __init__(self, model: HGPDM, rate_hz: float, settings: BeliefSettings = BELIEF) -> None:
         """Works out what does not change from tick to tick, and compiles what moves a belief."""
         self.settings = settings
         preset, dims = model.preset, model.preset.interaction_dims
+        back = max((0.0, *preset.history, *(HISTORY if model.intent is not None else ())))
         self.lag, self._seconds = model.lag, 1.0 / rate_hz
         self._coordinates, self._styles = len(model.human.offset), len(model.emotions)
         now, before = np.split(np.eye(2 * dims), 2, axis=1)
@@ -105,7 +113,7 @@ class Filter:
             inputs=np.array(inputs, order="C"),
             features=np.array(model.feature_map.matrix, order="C"),
             feature_offset=np.array(model.feature_map.offset),
-            ticks=tick_weights(preset.history, rate_hz, span=model.lag + max((0.0, *preset.history))),
+            ticks=tick_weights(preset.history, rate_hz, span=model.lag + back),
             earlier=tick_weights(preset.history, rate_hz, ago=model.lag),
             repeats=max(1.0, model.lag * rate_hz),
             human_first=preset.avatar_dims,
@@ -115,11 +123,19 @@ class Filter:
             speed_span=settings.speed_span,
             covariance_limit=settings.covariance_limit,
         )
+        self.ticks = self._plan.ticks.shape[1]
         self._unknown = np.stack([np.zeros(preset.avatar_dims), np.ones(preset.avatar_dims)])
         self._start = np.tile(model.start_mean, 2)
         self._start_covariance = np.kron(np.ones((2, 2)), model.start_covariance) + 1e-6 * np.eye(2 * dims)
         self._contact = model.contact
         self._contact_layer = None if model.contact is None else packed(model.contact.posterior)
+        self._channels, self._direct = len(model.avatar.offset), None
+        if model.ensemble is not None:
+            share = 1.0 - math.exp(-self._seconds / settings.pool_time)
+            regression = packed(model.ensemble.regression, self._styles)
+            self._direct = direct_of(model.ensemble, regression, share)
+            self._looking = Looking(self._plan.features, self._plan.feature_offset, self._plan.ticks)
+            self._factors = np.array(model.ensemble.spread, dtype=float)
         self._compile()
 
     def _compile(self) -> None:
@@ -135,7 +151,8 @@ class Filter:
         """The belief before any hand was seen: where training trials begin."""
         hand = self.generate(self._start, self._start_covariance, style).human
         hands = np.tile(np.stack([hand, np.full(len(hand), 1e-2)]), (self._plan.ticks.shape[1], 1, 1))
-        return Belief(self._start, self._start_covariance, self._unknown, hands, 0, hand, np.tile(style, (2, 1)), False)
+        styles, beyond = np.tile(style, (2, 1)), np.zeros((2, self._channels))
+        return Belief(self._start, self._start_covariance, self._unknown, hands, 0, hand, styles, beyond, False)
 
     def predict(self, latent: Array, covariance: Array, seconds: float) -> tuple[Array, Array]:
         """The belief over (I now, I one lag ago) a time later: the dynamics, linearised, in steps of at most one lag.
@@ -155,7 +172,7 @@ class Filter:
         return observe(self._plan, self._plan.ticks, _own(hands, self._plan.ticks.shape[1], 2, self._coordinates))
 
     def generate(
-        self, latent: Array, covariance: Array, style: Array, residual: Array | None = None, ahead: float = 0.0
+        self, latent: Array, covariance: Array, style: Array, known: Belief | None = None, ahead: float = 0.0
     ) -> Generated:
         """Down the hierarchy from a belief over (I now, I one lag ago): I → X¹, X² → Y¹, Y², linearised.
 
@@ -163,20 +180,34 @@ class Filter:
             latent: (2 q,).
             covariance: (2 q, 2 q).
             style: (K,) weights.
-            residual: (2, q_1) what X¹ has beyond I, as a belief has it; by default unknown.
+            known: the last tick's belief: what X¹ has beyond I, and the pool beyond the hierarchy; by default unknown.
             ahead: s that have passed since then.
         """
         size, left = len(self._start), math.exp(-ahead / self.settings.residual_time)
-        beyond = _own(self._unknown if residual is None else residual, *self._unknown.shape)
-        beyond = np.stack([left * beyond[0], left**2 * beyond[1] + 1.0 - left**2])
-        layers = _own(latent, size), _own(covariance, size, size), beyond
-        return generate(self._plan, *layers, _own(style, self._styles))
+        residual = _own(self._unknown if known is None else known.residual, *self._unknown.shape)
+        residual = np.stack([left * residual[0], left**2 * residual[1] + 1.0 - left**2])
+        layers = _own(latent, size), _own(covariance, size, size), residual
+        answer = generate(self._plan, *layers, _own(style, self._styles))
+        return answer if self._direct is None or known is None else self._with(answer, left * known.beyond[1])
 
     def step(self, belief: Belief, hand: Array | None, hand_variance: Array, style: Array) -> tuple[Belief, Generated]:
         """One tick: predict, measure the hand (P,), of variances (P,), if it was seen, and generate."""
         seen = belief.generated_hand if hand is None else _own(hand, self._coordinates)
         variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
-        return step(self._plan, belief, hand is not None, seen, variance, weights)
+        moved, answer = step(self._plan, belief, hand is not None, seen, variance, weights)
+        if self._direct is None:
+            return moved, answer
+        if hand is None:
+            beyond = self._plan.residual_left * belief.beyond
+        else:
+            looking, first = self._looking, not belief.started
+            beyond = pooled(looking, self._direct, belief.beyond, first, moved.hands, moved.style[1], answer.avatar)
+        return moved._replace(beyond=beyond), self._with(answer, beyond[1])
+
+    def _with(self, answer: Generated, beyond: Array) -> Generated:
+        """The pool's answer: the hierarchy's, and what the pool has beyond it, (channels,)."""
+        deviations = answer.avatar_deviations * self._factors
+        return answer._replace(avatar=answer.avatar + beyond, avatar_deviations=deviations, factors=self._factors)
 
     def skip(self, belief: Belief, ticks: int) -> Belief:
         """The belief some ticks later, of which nothing was heard: one prediction, however many there are.
@@ -191,11 +222,12 @@ class Filter:
         share = 1.0 - math.exp(-seconds / self.settings.style_time)
         residual = np.stack([left * belief.residual[0], left**2 * belief.residual[1] + 1.0 - left**2])
         style = belief.style + share * (belief.style[:1] - belief.style)
-        answer = self.generate(latent, covariance, style[1], belief.residual, seconds)
+        answer = self.generate(latent, covariance, style[1], belief, seconds)
         hidden = np.stack([belief.hands[0, 0] + answer.human - belief.generated_hand, answer.human_deviations**2])
         kept = max(len(belief.hands) - ticks, 0)
         hands = np.concatenate([np.tile(hidden, (len(belief.hands) - kept, 1, 1)), belief.hands[:kept]])
-        return Belief(latent, covariance, residual, hands, belief.away + ticks, answer.human, style, True)
+        away, beyond = belief.away + ticks, left * belief.beyond
+        return Belief(latent, covariance, residual, hands, away, answer.human, style, beyond, True)
 
     def forecast_contact(self, belief: Belief) -> ContactForecast | None:
         """Where and when the palms will meet, as the hand's last ticks say; None where nothing was learned of it."""

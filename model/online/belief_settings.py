@@ -15,6 +15,8 @@ class BeliefSettings(Settings):
     """Time constant of each of the two smoothings of the style weights."""
     residual_time: float = setting(0.3, "s", above=0.0)
     """In which what X¹ has beyond I dies away where no hand says it."""
+    pool_time: float = setting(0.025, "s", above=0.0)
+    """Time constant of each of two smoothings of what the direct answers have beyond the hierarchy's."""
     speed_span: int = setting(4, "ticks", least=1)
     """Over which the speed of a hand is taken that is about to be hidden: fewer are too noisy."""
     covariance_limit: float = setting(10.0, above=0.0)

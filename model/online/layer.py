@@ -94,6 +94,37 @@ def predict_layer(layer: Array, point: Array, style: Array) -> tuple[Array, Arra
 
 
 @compiled
+def layer_mean(layer: Array, point: Array, style: Array) -> Array:
+    """The mean (D,) alone; see :func:`predict_layer`."""
+    dims, size, styles, channels = int(layer[1]), int(layer[2]), int(layer[3]), int(layer[4])
+    log_rbf, bias, begin = layer[5], layer[6], 7 + 2 * dims
+    precision, offset, begin = layer[7:], layer[begin:], begin + 3 * channels
+    between, begin = layer[begin:], begin + styles * styles
+    inducing, begin = layer[begin:], begin + dims * size
+    lines, begin = layer[begin:], begin + dims * size
+    shares, weights = layer[begin:], layer[begin + styles * size :]
+
+    share, _ = style_covariance(style, shares, between, size)
+    rbf, towards = np.full(size, log_rbf), np.full(size, bias)
+    for j in range(dims):
+        half = 0.5 * precision[j]
+        for m in range(size):
+            away = point[j] - inducing[j * size + m]
+            rbf[m] -= half * away * away
+            towards[m] += point[j] * lines[j * size + m]
+    for m in range(size):
+        towards[m] = share[m] * (towards[m] + math.exp(rbf[m]))
+    mean = np.empty(channels)
+    for d in range(channels):
+        own_weights = weights[d * size : (d + 1) * size]
+        total = 0.0
+        for m in range(size):
+            total += own_weights[m] * towards[m]
+        mean[d] = offset[d] + total
+    return mean
+
+
+@compiled
 def _four(weights: Array, towards: Array, first: int, slope: Array) -> None:
     """Four entries of a row of the slope (q,), from ``first`` on: weights (M,) times rows of ``towards`` (1 + q, M)."""
     a, b, c, d = 0.0, 0.0, 0.0, 0.0

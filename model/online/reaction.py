@@ -75,11 +75,18 @@ class SimpleReaction:
     time_to_contact_std: float = 0.05
     contact: ContactForecast | None = None
     in_distribution: bool = True
+    contact_probability: float | None = None
 
 
 def current_forecast(reaction: Reaction) -> ContactForecast | None:
     """The forecast while a hand approaches by the avatar layer's clock; the contact layer knows nothing else."""
     return reaction.contact if END < reaction.time_to_contact < BEGIN else None
+
+
+def probability_of_contact(reaction: Reaction) -> float | None:
+    """That a contact is coming, 0 to 1, where a model says it as ``contact_probability``; it need not."""
+    found: float | None = getattr(reaction, "contact_probability", None)
+    return found
 
 
 class OnlineResponder(Protocol):

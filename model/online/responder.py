@@ -21,6 +21,8 @@ from highfive.model.online.belief import Filter
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.inertialization import Inertializer
+from highfive.model.online.intent import Intent
+from highfive.model.online.leading import Leading
 from highfive.model.online.tick_values import Belief, Generated
 
 HAND_SHAPE, ARM_SHAPE = (2, 3), (3, 3)
@@ -29,6 +31,9 @@ FURTHEST = 1e6
 HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
 CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
 MAXIMUM_FORECAST = 5.0  # s
+RETURNS = 3.0
+"""Times the deviation of a hand point: who knows the hand so much better than a tick before sees it again."""
+_LED = 0.3  # s, in which the palm's lead dies away in an answer ahead
 
 
 @dataclass(frozen=True)
@@ -50,6 +55,8 @@ class Response:
         in_distribution: the hand does what hands did in training, as the latents' covariance says.
         generated: the channels and the hand, with their deviations.
         forecast_contact: makes :attr:`contact`.
+        contact_probability: that a contact is coming, 0 to 1; None before a hand was seen, or where the model has not
+            learned it. While the hand is hidden it stays what it was.
     """
 
     joints: Array
@@ -65,6 +72,7 @@ class Response:
     in_distribution: bool
     generated: Generated = field(repr=False, compare=False)
     forecast_contact: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
+    contact_probability: float | None = None
 
     @property
     def contact(self) -> ContactForecast | None:
@@ -131,6 +139,8 @@ class Responder:
         self._style = _checked(style_weights, model)
         self._filter, self._inertializer = Filter(model, rate_hz, settings), Inertializer(1.0 / rate_hz)
         self._arm = None if model.arm_contact is None else ArmTrack(model.arm_contact, rate_hz)
+        self._leading = None if model.task_space is None else Leading(model.task_space, self._where, rate_hz)
+        self._intent = None if model.intent is None else Intent(model.intent, rate_hz, self._filter.ticks)
         self.reset()
 
     @property
@@ -147,8 +157,12 @@ class Responder:
         """Forgets the person: the next hand seen begins a new interaction."""
         self._belief = self._filter.initial(self._style)
         self._inertializer.reset()
+        self._probability: float | None = None
+        self._widest = 0.0
         if self._arm is not None:
             self._arm.reset()
+        if self._leading is not None:
+            self._leading.reset()
         self._forecast_contact = partial(self._forecast_of, self._belief, None)
 
     def set_style(self, weights: str | Mapping[str, float] | ArrayLike) -> None:
@@ -182,17 +196,26 @@ class Responder:
             points = _finite("arm points", arm.points, ARM_SHAPE)
             arm = ArmPoints(points, _finite("arm covariance", arm.covariance, (*ARM_SHAPE, 3)))
         hand = None if hand is None else hand.reshape(HAND_DIMS)
-        changed = self._belief.started and (hand is None) == (self._belief.away == 0)
+        surer = self._widest > RETURNS * RETURNS * (widest := float(variance.max()))  # a tracker followed it unseen
+        changed = self._belief.started and (surer or (hand is None) == (self._belief.away == 0))
         belief, generated = self._filter.step(self._belief, hand, variance, self._style)
         if not _usable(belief, generated):
             self.reset()
             changed = False
             belief, generated = self._filter.step(self._belief, None, HAND_VARIANCE, self._style)
-        self._belief = belief
-        # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
-        generated = generated._replace(avatar=self._inertializer.step(generated.avatar, changed))
+        self._belief, self._widest = belief, widest
+        if self._intent is not None and belief.away == 0:
+            self._probability = self._intent.probability(belief.hands)
         last = None if self._arm is None else self._arm.step(hand, variance, arm)
         self._forecast_contact = partial(self._forecast_of, belief, last)
+        if self._leading is not None:
+            found = None
+            if hand is not None and math.isfinite(self._leading.time(generated.avatar)):
+                found = self._forecast_contact()
+                self._forecast_contact = partial(_already, found)
+            generated = generated._replace(avatar=self._leading.step(generated.avatar, found))
+        # The filter believes at once what it sees of a hand that comes back; the pose gets there without a jerk.
+        generated = generated._replace(avatar=self._inertializer.step(generated.avatar, changed))
         forecast_contact = self._forecast_contact
         return self._response(self._belief.latent, self._belief.covariance, generated, forecast_contact, 0.0)
 
@@ -200,7 +223,7 @@ class Responder:
         """Goes on by some ticks in which nothing was heard of the person, at the cost of about one."""
         self._belief = self._filter.skip(self._belief, ticks)
         if self._arm is not None:
-            self._arm.hide()
+            self._arm.hide(ticks)
         self._forecast_contact = partial(self._forecast_of, self._belief, None)
 
     def ahead(self, seconds: float) -> Response:
@@ -215,7 +238,9 @@ class Responder:
         latent, covariance = belief.latent, belief.covariance
         if belief.started and seconds > 0.0:
             latent, covariance = self._filter.predict(latent, covariance, seconds)
-        generated = self._filter.generate(latent, covariance, belief.style[1], belief.residual, seconds)
+        generated = self._filter.generate(latent, covariance, belief.style[1], belief, seconds)
+        if self._leading is not None:
+            generated = generated._replace(avatar=self._leading.led(generated.avatar, math.exp(-seconds / _LED)))
         generated = generated._replace(avatar=self._inertializer.ahead(generated.avatar, seconds))
 
         def forecast_contact(
@@ -234,8 +259,8 @@ class Responder:
         responses: list[Response] = []
         for number in range(1, math.ceil(horizon_s / lag - 1e-9) + 1):
             latent, covariance = self._filter.predict(latent, covariance, lag)
-            style, residual = self._belief.style[1], self._belief.residual
-            generated = self._filter.generate(latent, covariance, style, residual, number * lag)
+            style = self._belief.style[1]
+            generated = self._filter.generate(latent, covariance, style, self._belief, number * lag)
             responses.append(self._response(latent, covariance, generated, lambda: None, number * lag))
         return responses
 
@@ -277,7 +302,13 @@ class Responder:
             in_distribution=self._in_distribution(covariance if known is None else known),
             generated=generated,
             forecast_contact=forecast_contact,
+            contact_probability=self._probability,
         )
+
+
+def _already(found: ContactForecast | None) -> ContactForecast | None:
+    """A forecast that was worked out before."""
+    return found
 
 
 def _finite(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:

@@ -51,20 +51,30 @@ def predict(plan: Plan, moving: Moving, latent: Array, covariance: Array) -> tup
 def features(plan: Plan, ticks: Array, hands: Array) -> tuple[Array, Array]:
     """Features (F,) of the hand's last ticks (L, 2, P), and their covariance (F, F)."""
     times, coordinates = len(ticks), hands.shape[2]
-    value, doubts = plan.feature_offset.copy(), np.zeros(times * coordinates)
+    doubts = np.zeros(times * coordinates)
     for time in range(times):
         for p in range(coordinates):
-            place, point = time * coordinates + p, 0.0
             for tick in range(len(hands)):
-                point += ticks[time, tick] * hands[tick, 0, p]
-                doubts[place] += ticks[time, tick] * hands[tick, 1, p]
-            for f in range(len(value)):
-                value[f] += plan.features[f, place] * point
+                doubts[time * coordinates + p] += ticks[time, tick] * hands[tick, 1, p]
     scaled = plan.features.copy()
-    for f in range(len(value)):
+    for f in range(len(scaled)):
         for place in range(len(doubts)):
             scaled[f, place] *= doubts[place]
-    return value, times_transposed(scaled, plan.features)
+    return feature_value(plan.features, plan.feature_offset, ticks, hands), times_transposed(scaled, plan.features)
+
+
+@compiled
+def feature_value(matrix: Array, offset: Array, ticks: Array, hands: Array) -> Array:
+    """Features (F,) of the hand's last ticks (L, 2, P)."""
+    value, coordinates = offset.copy(), hands.shape[2]
+    for time in range(len(ticks)):
+        for p in range(coordinates):
+            point = 0.0
+            for tick in range(len(hands)):
+                point += ticks[time, tick] * hands[tick, 0, p]
+            for f in range(len(value)):
+                value[f] += matrix[f, time * coordinates + p] * point
+    return value
 
 
 @compiled_entry
@@ -148,7 +158,8 @@ def _output(
     avatar_deviations = propagated_deviations(avatar_slope, spread, 0, variances)
     human, slope, variances = predict_layer(plan.human, below[plan.human_first :], none)
     human_deviations = propagated_deviations(slope, spread, plan.human_first, variances)
-    return Generated(avatar, avatar_deviations, avatar_slope, human, human_deviations, spread)
+    factors = np.ones(len(avatar))
+    return Generated(avatar, avatar_deviations, avatar_slope, human, human_deviations, spread, factors)
 
 
 @compiled_entry
@@ -236,4 +247,4 @@ def step(
     residual = _residual(plan, belief.residual, below, doubts, shown, noise[dims:, dims:])
     answer = _output(plan, below, slope, doubts, symmetric, residual, blend)
     away, started = 0 if seen else belief.away + 1, belief.started or seen
-    return Belief(latent, symmetric, residual, hands, away, answer.human, styles, started), answer
+    return Belief(latent, symmetric, residual, hands, away, answer.human, styles, belief.beyond, started), answer

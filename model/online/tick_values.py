@@ -71,6 +71,7 @@ class Belief(NamedTuple):
         away: ticks since the hand was last seen.
         generated_hand: (P,) m, the hand as the human layer generates it.
         style: (2, K) the style weights after one and after two smoothings.
+        beyond: (2, channels) what the pool has beyond the hierarchy's answer, after one and after two smoothings.
         started: a hand has been seen.
     """
 
@@ -81,6 +82,7 @@ class Belief(NamedTuple):
     away: int
     generated_hand: Array
     style: Array
+    beyond: Array
     started: bool
 
 
@@ -92,6 +94,7 @@ class Generated(NamedTuple):
         avatar_slope: (channels, q_1) derivative of the mean by X¹.
         human, human_deviations: (P,) m, mean and standard deviation of the hand.
         spread: (q_1 + q_2, q_1 + q_2) covariance of X¹ and X².
+        factors: (channels,) of the deviations, by which those of a pool differ from the hierarchy's.
     """
 
     avatar: Array
@@ -100,10 +103,11 @@ class Generated(NamedTuple):
     human: Array
     human_deviations: Array
     spread: Array
+    factors: Array
 
     def covariance(self, channels: slice) -> Array:
         """Covariance (D', D') of some avatar channels: what they share through X¹, and the variance of each."""
-        slope = self.avatar_slope[channels]
+        slope = self.avatar_slope[channels] * self.factors[channels, None]
         dims = slope.shape[1]
         covariance = slope @ self.spread[:dims, :dims] @ slope.T
         np.fill_diagonal(covariance, self.avatar_deviations[channels] ** 2)

@@ -41,6 +41,36 @@ def test_what_is_compiled_exactly_rounds_as_numpy_does() -> None:
     np.testing.assert_array_equal(products(a, b, c), a * b + b * c - c * a)
 
 
+SWALLOWED = """
+import sys
+from numba.core.codegen import JITCodeLibrary
+from highfive.model.compiled import compiled_entry
+def ended(library, content):
+    raise KeyboardInterrupt  # in LLVM's callback, which swallows it
+JITCodeLibrary._object_compiled_hook = classmethod(lambda cls, engine, module: ended(module, None))
+sys.unraisablehook = lambda unraisable: print(unraisable.exc_type.__name__)
+
+@compiled_entry
+def doubled(x):
+    return 2.0 * x
+
+print(doubled(21.0))
+"""
+
+
+def test_machine_code_that_an_interrupt_kept_from_being_handed_over_works_and_is_not_kept(tmp_path: Path) -> None:
+    """The interrupt is raised again by who swallowed it; an error of the compiler would hide it."""
+    program = tmp_path / "program.py"
+    program.write_text(SWALLOWED)
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, str(program)], capture_output=True, text=True, timeout=60, check=False, env=environment
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "42.0" and "KeyboardInterrupt" in done.stdout
+    assert not list(tmp_path.rglob("*.nbc"))
+
+
 PROGRAM = """
 from highfive.model.compiled import compiled_entry, reached, when_compiling
 

@@ -80,6 +80,20 @@ def reach_duration(
     return duration
 
 
+def hanging_arm(style: EmotionStyle) -> Array:
+    """Hinge angles (9,), rad, of a right arm that hangs straight down whatever the trunk does, clear of the thigh."""
+    degrees = [2.0 - style.trunk_lean, -9.0 - 0.3 * style.left_arm_out, 0, -style.rest_elbow, 0, 15, 0, 0, 0]
+    return np.radians(degrees)
+
+
+def with_arm(role: Role, body: BodyMotion, arm: Callable[[Array], Array]) -> ActorMotion:
+    """The whole motion of an actor whose right arm moves as ``arm`` says: times (T,), s, to angles (T, 9), rad."""
+    times = np.arange(round(role.end_s * RATE_HZ) + 1) / RATE_HZ
+    angles = body.without_arm(times)
+    angles[:, body.arm] = arm(times).reshape(-1, 3, 3)
+    return _standing(role.skeleton, body.root(times), angles)
+
+
 def _upper_body(role: Role, times: Array) -> tuple[Array, Array]:
     """Pelvis (T, 3) m and hinge angles (T, 53, 3) rad with the legs still straight."""
     body = BodyMotion(role)
@@ -90,9 +104,12 @@ def _upper_body(role: Role, times: Array) -> tuple[Array, Array]:
 
 def perform(role: Role) -> ActorMotion:
     """The whole motion of one actor."""
-    skeleton = role.skeleton
-    times = np.arange(round(role.end_s * RATE_HZ) + 1) / RATE_HZ
-    root, angles = _upper_body(role, times)
+    body = BodyMotion(role)
+    return with_arm(role, body, _arm_motion(role, body))
+
+
+def _standing(skeleton: Skeleton, root: Array, angles: Array) -> ActorMotion:
+    """The motion with legs that stand: pelvis (T, 3), m, and hinge angles (T, 53, 3), rad, with the legs straight."""
     pelvis = (root, rotations.from_euler(skeleton.hinge_orders[0], angles[:, 0]))
     for side in ("right", "left"):
         leg = [skeleton.index(f"{side}_{n}") for n in ("hip", "knee", "ankle")]
@@ -119,11 +136,7 @@ def _arm_motion(role: Role, body: BodyMotion) -> Callable[[Array], Array]:
         step = 1e-3
         return (solve(time + step, speed * step) - solve(time - step, -speed * step)) / (2.0 * step)
 
-    # The arm hangs straight down whatever the trunk does, and clear of the thigh.
-    hanging = np.radians(
-        [2.0 - style.trunk_lean, -9.0 - 0.3 * style.left_arm_out, 0, -style.rest_elbow, 0, 15, 0, 0, 0]
-    )
-    first, last = hanging + role.individual.rest_arm
+    first, last = hanging_arm(style) + role.individual.rest_arm
     start, contact, bounce = role.onset_s, role.contact_s, 0.05
     strike = style.contact_speed * palm.normal
     coming, going = velocity(contact, strike), velocity(contact + bounce, -strike)

@@ -15,6 +15,7 @@ from highfive.hil.sim.people.actors import PairTrial, simulate_pair
 from highfive.hil.sim.people.capture import trial_seed
 from highfive.hil.sim.people.role import ActorMotion
 from highfive.mocap_bridge.files.c3d import read_c3d
+from highfive.mocap_bridge.files.recording import make_recording
 from highfive.mocap_bridge.files.trial_table import read_table, write_table
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.geometry import rotations
@@ -90,6 +91,16 @@ def test_the_hand_is_that_of_the_online_chain(captured: Path, solved: SolvedPair
     assert np.all(np.linalg.norm(palm - wrist, axis=-1) < np.linalg.norm(knuckles - wrist, axis=-1) + 0.02)
 
 
+def test_an_arm_of_which_a_marker_is_never_seen_is_none(captured: Path) -> None:
+    person = read_c3d(captured / f"angry_{CELL}_1.c3d").person("human")
+    assert track_hand(person, load_marker_set("paper"))[2] is not None
+    valid = person.valid.copy()
+    valid[:, person.names.index("RSHO")] = False
+    unseen = make_recording(person.rate_hz, person.names, person.points, valid)
+    hand, _, arm = track_hand(unseen, load_marker_set("paper"))
+    assert arm is None and np.isfinite(hand).all()
+
+
 def test_a_table_may_leave_cell_and_repetition_empty_and_have_more_columns(tmp_path: Path) -> None:
     (tmp_path / "trials.csv").write_text(
         "\ufeffsplit,file,emotion,cell,repetition,note\ntest, a.c3d ,happy,,,late\n", encoding="utf-8"
@@ -113,7 +124,9 @@ def test_a_model_trained_on_a_small_capture_answers_a_session(
         assert end.value.code in (None, 0), err
         return json.loads(out)
 
-    trained = highfive("train", captured, "--preset", "small", "--inducing", 60, "--out", "tiny.safetensors")
+    trained = highfive(
+        "train", captured, "--preset", "small", "--no-distractors", "--inducing", 60, "--out", "tiny.safetensors"
+    )
     assert trained["trials"] == 9 and trained["preset"] == "small"
     assert trained["marker_rms_mm_all"] < 1.5
     assert sorted(path.name for path in tmp_path.iterdir()) == ["tiny.safetensors"]

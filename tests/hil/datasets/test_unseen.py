@@ -31,6 +31,8 @@ EXPORTS = {
     "left-handed axes": Export("zed", ("m", 1.0), LEFT_HANDED_Y_UP),
     "labels without meaning, metres called millimetres": Export("numbers", ("mm", 1.0)),
 }
+QUICK = {"left-handed axes", "labels without meaning, metres called millimetres"}
+"""Exports that are read in the fast tests, too: one that is mirrored, and one in which nothing is said."""
 
 
 def joints_of(skeleton, root, quaternions):
@@ -56,7 +58,13 @@ def check(pair: SolvedPair, cell: str, number: int) -> None:
     assert np.sqrt(np.mean(pair.rms**2)) < 0.005
 
 
-@pytest.mark.parametrize("export", [pytest.param(export, id=name) for name, export in EXPORTS.items()])
+@pytest.mark.parametrize(
+    "export",
+    [
+        pytest.param(export, id=name, marks=[] if name in QUICK else pytest.mark.slow)
+        for name, export in EXPORTS.items()
+    ],
+)
 def test_any_export_gives_the_motion_that_was(tmp_path: Path, export: Export) -> None:
     write_set(tmp_path, CELLS[:1], export, test=0)
     said: list[str] = []
@@ -67,6 +75,7 @@ def test_any_export_gives_the_motion_that_was(tmp_path: Path, export: Export) ->
     assert any("by how they move" in line for line in said) == (export.habit == "numbers")
 
 
+@pytest.mark.slow
 def test_a_damaged_recording_costs_its_own_trial_only(tmp_path: Path) -> None:
     write_set(tmp_path, CELLS, Export(), test=0)
     damaged, whole = (row.file for row in read_table(tmp_path))
@@ -84,6 +93,7 @@ def test_a_damaged_recording_costs_its_own_trial_only(tmp_path: Path) -> None:
         load_trials(tmp_path, say=said.append)
 
 
+@pytest.mark.slow
 def test_actors_of_other_sizes_bring_the_scene_to_the_avatars_size(tmp_path: Path) -> None:
     """A short and a tall actor: each was measured, and the palms meet where the avatar's palm is."""
     for number, size in enumerate((0.92, 1.06)):
@@ -216,7 +226,19 @@ def test_a_model_is_trained_on_it(
     monkeypatch.setitem(presets.PRESETS, "small", replace(DEFAULT, name="small", iterations=30, points=600))
     write_set(tmp_path / "lab", ("B2", "A3", "C1", "B1", "A2"), Export(noise=0.004))
     monkeypatch.chdir(tmp_path)
-    words = ["highfive", "train", "lab", "--preset", "small", "--inducing", "40", "--out", "m.safetensors", "--json"]
+    words = [
+        "highfive",
+        "train",
+        "lab",
+        "--preset",
+        "small",
+        "--no-distractors",
+        "--inducing",
+        "40",
+        "--out",
+        "m.safetensors",
+        "--json",
+    ]
     monkeypatch.setattr("sys.argv", words)
     with pytest.raises(SystemExit) as end:
         cli.main()

@@ -88,6 +88,7 @@ def test_the_doubt_is_that_of_the_responder(held: list[Trial], model: HGPDM, bod
         assert np.all(np.linalg.eigvalsh(answer.uncertainty.contact[row]) > 0.0)
 
 
+@pytest.mark.slow
 def test_a_sparse_gp_doubts_more_where_it_has_seen_nothing(trials: list[Trial], model: HGPDM, body: Body):
     task = problem(training_set(trials, model.preset), model.preset)
     layer = baselines.sparse_gp(task, 20, np.random.default_rng(0))

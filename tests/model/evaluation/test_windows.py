@@ -145,7 +145,7 @@ def test_a_damaged_file_is_named_or_read(tmp_path: Path, arrays: dict[str, np.nd
 @pytest.mark.parametrize("content", [b"", b"PK\x03\x04 cut short", b"hello"])
 def test_what_is_no_windows_file_is_one_line(tmp_path: Path, content: bytes):
     (tmp_path / "no.npz").write_bytes(content)
-    with pytest.raises(HighFiveError, match="not a windows file"):
+    with pytest.raises(HighFiveError, match="no archive of arrays"):
         windows.read_windows(tmp_path / "no.npz")
     with pytest.raises(HighFiveError, match="not a windows file"):
         windows.read_windows(tmp_path / "missing.npz")

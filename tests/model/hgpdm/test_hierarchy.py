@@ -13,7 +13,9 @@ from highfive.model.hgpdm.presets import DEFAULT, PAPER
 from highfive.model.hgpdm.trials import Trial
 
 
-@pytest.mark.parametrize("preset", [DEFAULT, PAPER], ids=lambda preset: preset.name)
+@pytest.mark.parametrize(
+    "preset", [DEFAULT, pytest.param(PAPER, marks=pytest.mark.slow)], ids=lambda preset: preset.name
+)
 def test_gradient_of_the_joint_objective_equals_finite_differences(trials: list[Trial], preset):
     task = problem(training_set(trials, replace(preset, points=150)), preset)
     start = initial_parameters(task, 15, np.random.default_rng(0))

@@ -10,6 +10,9 @@ import numpy as np
 import pytest
 from paths import HELPERS, ROOT
 
+from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.sharding import host_count, host_number, join_hosts
+
 
 def begin(preset: str, devices: int, processes: int = 1, number: int = 0, port: int = 0) -> subprocess.Popen[str]:
     environment = os.environ | {
@@ -64,3 +67,21 @@ def test_eight_devices_and_two_processes_give_objective_and_gradient_of_one_devi
 @pytest.mark.slow(15)
 def test_eight_devices_give_those_of_one_by_the_papers_preset_too() -> None:
     eight_devices_give_those_of_one("paper")
+
+
+@pytest.mark.parametrize(
+    ("hosts", "process", "message"),
+    [
+        (["a:1"], 0, "expected auto, or several"),
+        (["a", "b"], 0, "with a port behind the first"),
+        (["a:1", "b"], None, "give its number, from 0 to 1"),
+        (["a:1", "b"], 2, "give its number, from 0 to 1"),
+    ],
+)
+def test_hosts_that_do_not_fit_are_refused_before_any_is_called(hosts, process, message) -> None:
+    with pytest.raises(HighFiveError, match=message):
+        join_hosts(hosts, process)
+
+
+def test_without_hosts_this_is_the_only_one() -> None:
+    assert (host_number(), host_count()) == (0, 1)

@@ -78,7 +78,11 @@ def cut(trial: Trial, frames: slice) -> Trial:
         pytest.param(
             lambda some: [stuck(t, 1, slice(None)) for t in some], id="the knuckles are stuck", marks=pytest.mark.slow
         ),
-        pytest.param(lambda some: [stuck(stuck(t, 0, slice(2)), 1, slice(2)) for t in some], id="it moves on a line"),
+        pytest.param(
+            lambda some: [stuck(stuck(t, 0, slice(2)), 1, slice(2)) for t in some],
+            id="it moves on a line",
+            marks=pytest.mark.slow,
+        ),
         pytest.param(lambda some: some[:1] * len(some), id="ten times the same trial", marks=pytest.mark.slow),
         pytest.param(lambda some: some[:1], id="a single trial", marks=pytest.mark.slow),
         pytest.param(

@@ -12,9 +12,10 @@ from highfive.model.hgpdm.arm_features import HISTORY, SIZE, arm_history, fit_ar
 from highfive.model.hgpdm.contact_layer import ARM_SHARE
 from highfive.model.hgpdm.contact_training import fit_contact_layers
 from highfive.model.hgpdm.store import load_model, save_model
+from highfive.model.hgpdm.tempo import TEMPO, tempo_history, tempo_of
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
-from highfive.model.online.arm_track import FADE, ArmPoints, arm_at
+from highfive.model.online.arm_track import FADE, ArmPoints, ArmTrack, arm_at, known_tempo
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.responder import Responder
 
@@ -60,18 +61,19 @@ def turned(arms: Array, angle: float) -> Array:
 
 def test_lengths_stay_as_they_are_when_everything_is_turned(trial: Trial) -> None:
     arms = arm_history(trial, np.arange(0.4, 1.3, 0.05))
-    features = fit_arm_features(arms)
-    assert features(arms).shape == (18, SIZE) and np.allclose(features(arms).mean(axis=0), 0.0)
-    again = features(turned(arms, 1.1).reshape(arms.shape))
-    lengths = slice(SIZE - 11, SIZE)
-    np.testing.assert_allclose(again[:, lengths], features(arms)[:, lengths], atol=1e-9)
-    assert np.abs(again[:, :45] - features(arms)[:, :45]).max() > 0.5
+    tempo = tempo_history(trial, np.arange(0.4, 1.3, 0.05))
+    features = fit_arm_features(arms, tempo)
+    first = features(arms, tempo)
+    assert first.shape == (18, SIZE) and np.allclose(first.mean(axis=0), 0.0)
+    again = features(turned(arms, 1.1).reshape(arms.shape), tempo)
+    np.testing.assert_allclose(again[:, 45:], first[:, 45:], atol=1e-9)
+    assert np.abs(again[:, :45] - first[:, :45]).max() > 0.5
 
 
 def test_a_doubted_point_widens_the_belief_by_what_it_would_change(armed: HGPDM, trial: Trial) -> None:
     """The covariance by derivatives, against differences: every tick's arm is doubted in one coordinate."""
     frame, deviation, step = trial.contact_frame - 12, 0.02, 1e-4
-    for point, axis in ((0, 2), (1, 0), (2, 1)):
+    for point, axis in ((0, 2), (2, 1)):  # the shoulder also tells the tempo, which counts as known
         doubt = np.zeros((3, 3, 3))
         doubt[point, axis, axis] = deviation**2 + 3e-3**2
         arms = {n: ArmPoints(arm_at(trial, n).points, doubt) for n in range(len(trial.hand_points))}  # type: ignore
@@ -113,8 +115,9 @@ def test_a_hidden_point_is_the_hands_forecast_until_it_was_seen_for_as_long_as_i
     whole, hand = said(armed, trial), said(replace(armed, arm_contact=None), trial)
     back = hidden.stop + WINDOW - 1
     for frame in range(len(gap)):
-        if frame < hidden.start or frame >= back + fade:
-            assert np.allclose(gap[frame].point, whole[frame].point, rtol=0.0, atol=1e-9), frame
+        if frame < hidden.start or frame >= back + fade:  # of the tempo some little stays unknown
+            near = 1e-9 if frame < hidden.start else 0.02
+            assert np.allclose(gap[frame].point, whole[frame].point, rtol=0.0, atol=near), frame
         elif hidden.start + fade <= frame < back:
             assert same(gap[frame], hand[frame]), frame
     jumps = [np.linalg.norm(np.diff([one.point for one in said], axis=0), axis=1).max() for said in (whole, gap)]
@@ -157,3 +160,59 @@ def test_points_that_no_arm_has_are_refused(armed: HGPDM, trial: Trial, points: 
     responder = Responder(armed, "neutral", RATE)
     with pytest.raises(HighFiveError, match=message):
         responder.step(trial.hand_points[0], None, ArmPoints(points, np.zeros((3, 3, 3))))
+
+
+@pytest.mark.parametrize("rate", [30.0, 60.0])
+def test_the_tempo_of_ticks_is_the_one_that_was_learned(armed: HGPDM, trial: Trial, rate: float) -> None:
+    every = round(RATE / rate)
+    assert armed.arm_contact is not None and trial.arm_points is not None
+    points = trial.arm_points[::every]
+    seen = replace(trial, rate_hz=rate, hand_points=trial.hand_points[::every], arm_points=points)
+    track, found = ArmTrack(armed.arm_contact, rate), []
+    for hand, arm in zip(seen.hand_points, points, strict=True):
+        last = track.step(hand.ravel(), np.zeros(6), ArmPoints(arm, np.zeros((3, 3, 3))))
+        assert last is not None
+        value = np.empty(TEMPO)
+        tempo_of(last.tempo, value)
+        found.append(value)
+    learned = tempo_history(seen, np.arange(len(found)) / rate)
+    np.testing.assert_allclose(found, learned, rtol=0.0, atol=1e-9)
+    assert np.ptp(learned, axis=0).min() > 0.1  # a hand that moves
+
+
+def test_a_tempo_that_no_reach_has_leaves_it_to_the_hand(armed: HGPDM, trial: Trial) -> None:
+    """Who gestures for long and then reaches is no slow reach."""
+    assert armed.arm_contact is not None
+    track, last = ArmTrack(armed.arm_contact, RATE), None
+    for frame in range(trial.contact_frame - 10):
+        last = track.step(trial.hand_points[frame].ravel(), np.zeros(6), arm_at(trial, frame))
+    assert last is not None
+    furthest = armed.arm_contact.features.furthest
+    value = np.empty(TEMPO)
+    assert known_tempo(last.tempo, furthest, value) == 1.0
+    knuckles, by_hand = trial.hand_points[0, 1], (np.array([0.3, 0.1, 0.2, 0.4]), np.diag([0.01, 0.01, 0.01, 0.02]))
+    shares = []
+    for beyond in (1.0, 10.0):
+        tempo = last.tempo.copy()
+        tempo[1] = furthest[1] + (beyond - 1.0) * max(furthest[1], 1.0)  # m, of its way
+        shares.append(known_tempo(tempo, furthest, value))
+        found = track.forecast(last._replace(tempo=tempo), knuckles, by_hand)
+    assert shares == [1.0, 0.0]
+    np.testing.assert_allclose([*(found.point - knuckles), found.time], by_hand[0])
+
+
+def test_ticks_that_are_passed_over_count(armed: HGPDM, trial: Trial) -> None:
+    def since(passed_over: bool) -> float:
+        responder = Responder(armed, "neutral", RATE)
+        for frame in range(trial.contact_frame - 20):
+            responder.step(trial.hand_points[frame], None, arm_at(trial, frame))
+        if passed_over:
+            responder.skip(10)
+        for _ in range(0 if passed_over else 10):
+            responder.step(None)
+        frame = trial.contact_frame - 10
+        responder.step(trial.hand_points[frame], None, arm_at(trial, frame))
+        assert responder._arm is not None
+        return float(responder._arm._tempo[0])
+
+    assert since(True) == pytest.approx(since(False))

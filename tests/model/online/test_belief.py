@@ -88,6 +88,7 @@ def linear_throughout(linear: HGPDM) -> HGPDM:
     return replace(
         linear,
         preset=replace(preset, history=()),
+        ensemble=None,
         feature_map=FeatureMap(np.eye(6), np.zeros(6)),
         back=(linear_layer(0.5 * rng.normal(size=(6, dims))),),
         interaction=linear_layer(rng.normal(size=(dims, below))),

@@ -55,6 +55,7 @@ def test_what_is_left_leads_from_the_hand_to_the_contact() -> None:
     assert np.array_equal(np.unique(number, return_counts=True)[1], [len(left) // 2] * 2)
 
 
+@pytest.mark.slow
 def test_a_steady_hand_is_foreseen(fitted) -> None:
     layer, fresh, feature_map = fitted(0.0, 30)
     hands, left, _ = approaches(fresh, of_hand)
@@ -63,6 +64,7 @@ def test_a_steady_hand_is_foreseen(fitted) -> None:
     assert np.median(np.abs(error[:, 3])) < 0.02
 
 
+@pytest.mark.slow
 def test_regions_hold_what_they_promise_of_people_never_seen(fitted) -> None:
     layer, fresh, feature_map = fitted(0.03, 60)
     hands, left, _ = approaches(fresh, of_hand)

@@ -66,8 +66,8 @@ def test_a_layer_without_styles_does_not_mind_their_weights():
 
 @pytest.mark.parametrize("name", ["model", "chained"])
 def test_every_tick_is_that_of_the_formulas(name: str, trials: list[Trial], request: pytest.FixtureRequest):
-    """From the first sight of the hand through a gap and back, while the style changes."""
-    subject: HGPDM = request.getfixturevalue(name)
+    """Of the hierarchy alone, from the first sight of the hand through a gap and back, while the style changes."""
+    subject: HGPDM = replace(request.getfixturevalue(name), ensemble=None)
     moving, styles = Filter(subject, RATE), (np.array([1.0, 0.0]), np.array([0.3, 0.7]))
     belief = moving.initial(styles[0])
     hidden = {0, 1, *range(20, 30), 33}

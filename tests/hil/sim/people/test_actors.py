@@ -72,6 +72,7 @@ def test_avatar_reacts_after_the_person(trials: dict[str, PairTrial]) -> None:
         assert onsets[0] > onsets[1]
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_trial_and_another_another() -> None:
     a, b, c = (simulate_pair("happy", "B3", 0, np.random.default_rng(s)) for s in (5, 5, 6))
     np.testing.assert_array_equal(a.avatar.quaternions, b.avatar.quaternions)

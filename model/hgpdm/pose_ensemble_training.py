@@ -1,0 +1,226 @@
+"""Learns what answers beside the hierarchy, and how sure the pool is, from trials that were left out."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from scipy.special import chdtri
+
+from highfive.model.geometry.rotations import Array
+from highfive.model.gp import sparse
+from highfive.model.gp.coregionalisation import initial_style
+from highfive.model.gp.kernels import MotionKernel
+from highfive.model.gp.optimise import ProgressCallback
+from highfive.model.gp.posterior import Posterior
+from highfive.model.gp.regression import learned
+from highfive.model.gp.sparse import Layer
+from highfive.model.hgpdm.hierarchy import Problem
+from highfive.model.hgpdm.pose_ensemble import HIERARCHY, NEAREST, NEIGHBOURS, REGRESSION, Neighbours, PoseEnsemble
+from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.settings import Settings, setting
+
+
+@dataclass(frozen=True)
+class EnsembleTrainingSettings(Settings):
+    """How the ensemble learns. Set by hand."""
+
+    iterations: int = setting(60, "steps", least=1)
+    """More fit the training points better, and the pool no longer."""
+    least_noise: float = setting(5e-3, above=0.0)
+    most_noise: float = setting(1.0, above=0.0)
+    """Bounds of the regression's noise, as for the avatar layer."""
+    folds: int = setting(4, least=2)
+    """Of trials, for the calibration."""
+    region: float = setting(0.9, above=0.0, most=0.99)
+    """Share of the recorded values that the pool's central intervals of this size should hold."""
+    usual: float = setting(0.99, above=0.0, most=1.0)
+    """Share of such points whose neighbours are as near as a hand's must be for the direct answers to count in full."""
+    narrowest: float = setting(0.5, above=0.0)
+    widest: float = setting(4.0, above=0.0)
+    """Bounds of a channel's factor."""
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """Both bounds."""
+        return self.least_noise, self.most_noise
+
+
+ONLINE = 1.08
+"""Deviations that the filter says over those by the back projections alone: 1.03 to 1.1 in the channels that matter."""
+_FAR = 1e9
+ENSEMBLE_TRAINING = EnsembleTrainingSettings()
+
+
+def regression_layer(
+    task: Problem,
+    inducing: int,
+    rng: np.random.Generator,
+    iterations: int,
+    noise: tuple[float, float],
+    stage: str,
+    progress: ProgressCallback | None = None,
+) -> tuple[Layer, jax.Array]:
+    """Plain sparse GP regression from features to channels, motion × style kernel: the layer and its noise variance."""
+    features, styles, targets = jnp.asarray(task.features), jnp.asarray(task.data.styles), task.avatar_targets
+    chosen = np.sort(rng.choice(len(features), size=min(inducing, len(features)), replace=False))
+    style = initial_style(styles.shape[1], styles[chosen])
+    start = Layer(MotionKernel.initial(features.shape[1]), features[chosen], sparse.raw_noise(0.2, noise), style)
+    return learned(start, features, targets, noise, iterations, iterations // 2, stage, progress, styles)
+
+
+def regression_posterior(
+    layer: Layer, noise: jax.Array, task: Problem, rows: NDArray[np.bool_] | None = None
+) -> Posterior:
+    """The regression as learned from the points ``rows`` (N,), all by default."""
+    kept = np.ones(len(task.features), bool) if rows is None else rows
+    scaled = jnp.asarray((task.data.outputs[kept] - task.avatar_offset) / task.avatar_scale)
+    styles = jnp.asarray(task.data.styles[kept])
+    offset, scale = jnp.asarray(task.avatar_offset), jnp.asarray(task.avatar_scale)
+    return sparse.fit(layer, jnp.asarray(task.features[kept]), scaled, noise, styles, offset, scale)
+
+
+def fit_ensemble(
+    model: HGPDM,
+    task: Problem,
+    inducing: int,
+    seed: int,
+    progress: ProgressCallback | None = None,
+    settings: EnsembleTrainingSettings = ENSEMBLE_TRAINING,
+) -> tuple[PoseEnsemble, LeftOut | None]:
+    """Learns what answers beside a trained hierarchy; and what of it is said of trials that were left out.
+
+    Args:
+        model: the hierarchy, with back projections from the hand's features.
+        task: its training points.
+        inducing: inducing inputs of the regression.
+        seed: of their choice.
+        progress: called after every step.
+        settings: as said there.
+    """
+    rng = np.random.default_rng(seed)
+    stage = "direct answers"
+    layer, noise = regression_layer(task, inducing, rng, settings.iterations, settings.noise, stage, progress)
+    regression = regression_posterior(layer, noise, task)
+    left_out = _left_out(task, layer, noise, settings)
+    spread = _spread(model, task, regression, left_out, settings)
+    return PoseEnsemble(regression, neighbours_of(task, left_out), spread), left_out
+
+
+class LeftOut(NamedTuple):
+    """At each training point, by the trials of other folds.
+
+    Attributes:
+        regression, neighbours: (N, channels) errors of the direct answers.
+        distance: (N,) of the :data:`NEAREST`-th point.
+        fold: (N,) that each point was left out with.
+    """
+
+    regression: Array
+    neighbours: Array
+    distance: Array
+    fold: NDArray[np.int64]
+
+    @property
+    def direct(self) -> Array:
+        """(N, channels) errors of both direct answers, as they are pooled."""
+        return (REGRESSION * self.regression + NEIGHBOURS * self.neighbours) / (REGRESSION + NEIGHBOURS)
+
+
+def neighbours_of(task: Problem, left_out: LeftOut | None) -> Neighbours:
+    """The training points, ordered by style; their channels as the likelihood sees them, compressed."""
+    style: NDArray[np.int64] = np.argmax(task.data.styles, axis=1)
+    order: NDArray[np.int64] = np.argsort(style, kind="stable")
+    first = np.append(0, np.cumsum(np.bincount(style, minlength=task.data.styles.shape[1])))
+    scaled = (task.data.outputs[order] - task.avatar_offset) / task.avatar_scale
+    basis = task.avatar_basis.T
+    usual = np.inf if left_out is None else np.quantile(left_out.distance, ENSEMBLE_TRAINING.usual)
+    return Neighbours(
+        task.features[order].astype(np.float32),
+        first,
+        (scaled @ basis.T).astype(np.float16),  # to a thousandth: the file is large enough
+        basis * task.avatar_scale,
+        np.asarray(task.avatar_offset),
+        np.array(min(usual, _FAR)),
+    )
+
+
+def local_average(features: Array, values: Array, at: Array) -> tuple[Array, Array]:
+    """Averages (T, C) of the values (N, C) of the :data:`NEAREST` points (N, F) about each of ``at`` (T, F).
+
+    With the tricube weights of Cleveland 1979, which let a point come and go without a jump. Beside them, the distance
+    (T,) of the furthest of these points.
+    """
+    distance, nearest = KDTree(features).query(at, k=min(NEAREST, len(features)))
+    distance, nearest = distance.reshape(len(at), -1), nearest.reshape(len(at), -1)
+    weights = (1.0 - (distance / np.maximum(distance[:, -1:], 1e-9)) ** 3) ** 3 + 1e-9
+    average = np.einsum("tn,tnc->tc", weights / weights.sum(axis=1, keepdims=True), values[nearest])
+    return average, distance[:, -1]
+
+
+def _left_out(task: Problem, layer: Layer, noise: jax.Array, settings: EnsembleTrainingSettings) -> LeftOut | None:
+    """What the direct answers are of trials that were left out; of one trial alone, None."""
+    outputs, styles, trial = task.data.outputs, task.data.styles, task.data.trial
+    folds = min(settings.folds, int(trial[-1]) + 1)
+    if folds < 2:
+        return None
+    features, style = task.features, np.argmax(styles, axis=1)
+    regression, neighbours, distance = np.empty_like(outputs), np.empty_like(outputs), np.empty(len(outputs))
+    for fold in range(folds):
+        out = trial % folds == fold
+        without = regression_posterior(layer, noise, task, ~out)
+        regression[out] = np.asarray(sparse.means(without, features[out], styles[out])) - outputs[out]
+        for k in range(styles.shape[1]):
+            rows, others = out & (style == k), ~out & (style == k)
+            if np.any(rows):
+                pool = others if np.any(others) else ~out
+                average, distance[rows] = local_average(features[pool], outputs[pool], features[rows])
+                neighbours[rows] = average - outputs[rows]
+    return LeftOut(regression, neighbours, distance, trial % folds)
+
+
+def _spread(
+    model: HGPDM, task: Problem, full: Posterior, left_out: LeftOut | None, settings: EnsembleTrainingSettings
+) -> Array:
+    """Factors (channels,) of the hierarchy's deviations, by the pool's errors at points of trials that were left out.
+
+    The direct answers are those of the other trials. The hierarchy cannot be learned anew for each fold: its errors are
+    taken to grow as the regression's do, which has the same features, points and number of inducing inputs.
+    """
+    if left_out is None:
+        return np.ones(len(task.avatar_scale))
+    inside = np.asarray(sparse.means(full, task.features, task.data.styles)) - task.data.outputs
+    growth = np.sqrt(np.mean(left_out.regression**2, axis=0) / np.maximum(np.mean(inside**2, axis=0), 1e-12))
+    hierarchy, deviation = _hierarchy_errors(model, task)
+    pooled = HIERARCHY * np.maximum(growth, 1.0) * hierarchy + (REGRESSION + NEIGHBOURS) * left_out.direct
+    relative = np.sort(np.abs(pooled) / deviation, axis=0)
+    largest = relative[min(int(settings.region * len(relative)), len(relative) - 1)]
+    return np.clip(largest / math.sqrt(chdtri(1, 1.0 - settings.region)), settings.narrowest, settings.widest)
+
+
+def _hierarchy_errors(model: HGPDM, task: Problem) -> tuple[Array, Array]:
+    """Errors (N, channels) of the hierarchy at its training points, and the deviations that it says there.
+
+    By the back projections alone, without the filter, which has :data:`ONLINE` times the deviations.
+    """
+    values, doubts = np.asarray(task.features), np.zeros((len(task.features), 0))
+    for stage in model.back:
+        values, doubts = np.asarray(sparse.means(stage, values)), np.asarray(sparse.variances(stage, values))
+    dims, split = model.preset.interaction_dims, model.preset.avatar_dims
+    latents, doubts = values[:, dims:], doubts[:, dims:]
+    if not latents.shape[1]:  # X¹ comes from I alone
+        latents, doubts = np.asarray(sparse.means(model.interaction, values))[:, :split], np.zeros((len(values), split))
+    styles, scale = task.data.styles, np.asarray(model.avatar.scale)
+    means = np.asarray(sparse.means(model.avatar, latents, styles))
+    variance = np.broadcast_to(np.asarray(model.avatar.noise) * scale**2, means.shape).copy()
+    for d in range(split):
+        aside = latents.copy()
+        aside[:, d] += np.sqrt(doubts[:, d])
+        variance += (np.asarray(sparse.means(model.avatar, aside, styles)) - means) ** 2
+    return means - task.data.outputs, ONLINE * np.sqrt(variance)

@@ -205,7 +205,7 @@ def arm_text(found: ArmCalibration) -> str:
         lines += ["\n[[pose]]", f"encoders_rad = {_list(pose.encoders)}", f"residual_m = {pose.residual:.6f}"]
         lines += [] if pose.held_out is None else [f"held_out_m = {pose.held_out:.6f}"]
     body = "\n".join(lines) + "\n\n[check]\n"
-    return f'{body}{DIGEST}"{_digest(body)}"\n'
+    return signed(body)
 
 
 def load_arm(path: Path, settings: ArmFileSettings = ARM_FILE) -> ArmCalibration:
@@ -230,6 +230,11 @@ def _check_digest(path: Path) -> None:
         raise HighFiveError("check.digest is missing")
     if rest.strip() != f'"{_digest(body)}"':
         raise HighFiveError("it was changed after it was written (check.digest)")
+
+
+def signed(body: str) -> str:
+    """A file's text with its sum at the end."""
+    return f'{body}{DIGEST}"{_digest(body)}"\n'
 
 
 def _digest(body: str) -> str:

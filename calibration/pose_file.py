@@ -76,7 +76,7 @@ def load_poses(path: Path, arm: str, markers: Sequence[str], joints: int) -> lis
         return [_pose(row, joints, len(markers)) for row in data["poses"]]
     except OSError as error:
         raise HighFiveError(f"cannot read the poses {path}: {error.strerror or error}") from None
-    except (ValueError, KeyError, TypeError, RecursionError):
+    except (ValueError, KeyError, TypeError, OverflowError, RecursionError):
         raise HighFiveError(f"{path} has no poses of this program; delete it, and begin anew") from None
 
 

@@ -63,7 +63,7 @@ class RetargetSettings(Settings):
     near: float = setting(0.10, "m", least=0.0)
     waiting: float = setting(0.15, "m/s", least=0.0)
     """A hand that could not be met in time is followed only if it is this near and no faster than this."""
-    press: float = setting(0.025, "s", least=0.0)
+    press: float = setting(0.04, "s", least=0.0)
     most_press: float = setting(0.02, "m", least=0.0)
     """The plate aims so far through the hand as the two close in this time, but no further than this, and so far
     once it is late: a hand that is not met goes back, and the contact is then missed altogether."""

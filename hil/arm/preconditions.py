@@ -91,7 +91,8 @@ def check_options(options: ArmOptions) -> tuple[Limits, Rig]:
     if not options.emulated and not options.armed:
         reach = mounted(folder).reach
         raise HighFiveError(
-            f"{options.port} may be a real arm: it moves, up to {reach:.1f} m from its base, only with --arm"
+            f"{options.port} may be a real arm: it moves, up to {reach:.1f} m from its base, only with --arm "
+            "and a word about who is near it: --nobody-near, --slow, or for a live person --calibration"
         )
     now = datetime.now(UTC)
     if troubles := room_unknown(not options.emulated, room(options, rig, now)):

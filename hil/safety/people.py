@@ -25,6 +25,10 @@ BORDER = 0.05
 STRAIGHT = 0.97
 """Fraction of a limit of the plate that is used: within a tick the plate moves on a bent line."""
 
+ALONE = 2.0
+"""Times the limit near the head by which any one joint may move a point. Joints that cancel each other's motion do so
+only in step; servos lag each by its own load, and what is left over is the point's speed."""
+
 MEASURED, WIDENING = 0.003, 3.0
 """m: standard deviation of a part of the body whose markers are measured, which the distances of the limits allow for;
 and by how many standard deviations beyond that the distance kept grows where an estimate is carried on without them."""
@@ -187,22 +191,39 @@ def limit_closing_speed(
     return velocities - (towards - allowed) / float(along @ along) * along, allowed - fleeing
 
 
+def speeds_near_people(parts: Array) -> list[float]:
+    """(P,) m/s: how fast points are whose velocities are the sum of the joints' ``parts`` (P, 3, J), m/s; that of one
+    joint alone counts, too, by 1 / :data:`ALONE`."""
+    alone = np.linalg.norm(parts, axis=1).max(axis=1) / ALONE
+    return np.maximum(np.linalg.norm(parts.sum(axis=2), axis=1), alone).tolist()
+
+
 def face_zone_fraction(
-    limits: Face, seen: Remembered, points: Points, velocities: Array, dt: float, margin: float = 0.0
+    limits: Face, seen: Remembered, points: Points, parts: Array, dt: float, margin: float = 0.0
 ) -> float:
-    """How much of the points' velocities (P, 3), m/s, may be kept so that they are slow near the head.
+    """How much of the joints' velocities may be kept so that the points are slow near the head.
 
     Inside the zone, which is ``margin`` m wider where the head's place is not sure, a point is no faster than the
-    limit, whatever its direction, less what the head itself comes nearer; outside it can still brake before the zone,
-    which one that passes by comes near more slowly. A point outside that moves away is left alone.
+    limit, whatever its direction, less what the head itself comes nearer, and no joint alone moves it faster than
+    :data:`ALONE` times that; outside it can still brake before the zone, which one that passes by comes near more
+    slowly. A point outside that moves away is left alone.
+
+    Args:
+        limits: near the head.
+        seen: what is known of the person.
+        points: of the arm.
+        parts: (P, 3, J) m/s, by which each joint moves each point.
+        dt: s, of the tick.
+        margin: m.
     """
     if seen.head is None:
         return 0.0
     fraction, limit, radius = 1.0, STRAIGHT * limits.speed, limits.radius + margin
     head, head_velocity = seen.head.tolist(), seen.head_velocity.tolist()
     commanded, measured = points.commanded.tolist(), points.measured.tolist()
-    for number, velocity in enumerate(velocities.tolist()):
-        speed = length(velocity)
+    speeds = speeds_near_people(parts)
+    for number, velocity in enumerate(parts.sum(axis=2).tolist()):
+        speed = speeds[number]
         for place in (commanded[number], measured[number]):
             away = [h - p for h, p in zip(head, place, strict=True)]
             distance = length(away)
@@ -218,11 +239,6 @@ def face_zone_fraction(
 def speed_near_face(limit: float, fleeing: float, distance: float, braking: float, straight: float) -> float:
     """How fast, m/s, a point may be that is ``distance`` m outside the face's zone; see :func:`allowed_speed`."""
     return allowed_speed(limit, fleeing, distance, braking, min(max(straight, 1.0 - distance / BORDER, 0.0), 1.0))
-
-
-def speed_fraction(limit: float, velocities: Array) -> float:
-    """How much of the points' velocities (P, 3), m/s, may be kept so that none is faster than ``limit``, m/s."""
-    return _fraction(STRAIGHT * limit, max(length(velocity) for velocity in velocities.tolist()))
 
 
 def monitor_separation(
@@ -247,29 +263,32 @@ def monitor_separation(
         the velocities, the closing speed of plate and hand that remains, m/s, or None, and the rules that acted.
     """
     if human is None:
-        fraction = unseen_fraction(limits, points.jacobians @ velocities)
+        fraction = unseen_fraction(limits, points.jacobians * velocities)
         return fraction * velocities, None, {Rule.UNSEEN_PERSON} if fraction < 1.0 else set()
     limited, closing = limit_closing_speed(limits.contact, seen, human, points, velocities, dt)
     acted: set[Rule] = {Rule.CONTACT_SPEED} if limited is not velocities and (limited != velocities).any() else set()
-    fraction, closing, slowing = points_fraction(limits, seen, human, points, points.jacobians @ limited, closing, dt)
+    fraction, closing, slowing = points_fraction(limits, seen, human, points, limited, closing, dt)
     return fraction * limited, closing, acted | slowing
 
 
-def unseen_fraction(limits: Limits, velocities: Array) -> float:
-    """How much of the points' velocities (P, 3), m/s, may be kept where nobody knows where the person is."""
-    return speed_fraction(min(limits.face.speed, limits.motion.point_speed), velocities)
+def unseen_fraction(limits: Limits, parts: Array) -> float:
+    """How much of the joints' velocities may be kept where nobody knows where the person is: all points are as slow as
+    near a head. ``parts`` (P, 3, J), m/s, is by which each joint moves each point."""
+    return _fraction(STRAIGHT * min(limits.face.speed, limits.motion.point_speed), max(speeds_near_people(parts)))
 
 
 def points_fraction(
-    limits: Limits, seen: Remembered, human: Human, points: Points, velocities: Array, closing: float | None, dt: float
+    limits: Limits, seen: Remembered, human: Human, points: Points, rates: Array, closing: float | None, dt: float
 ) -> tuple[float, float | None, set[Rule]]:
-    """How much of the points' velocities (P, 3), m/s, may be kept: slow near the face, and not too fast anywhere.
+    """How much of the joints' velocities (J,), rad/s, may be kept: slow near the face, not too fast anywhere.
 
     Returns:
         the fraction, what is then left of the ``closing`` speed of plate and hand, m/s, and the rules that acted.
     """
-    face = face_zone_fraction(limits.face, seen, points, velocities, dt, human.head_seen.margin)
-    anywhere = speed_fraction(limits.motion.point_speed, velocities)
+    parts = points.jacobians * rates
+    velocities = parts.sum(axis=2)
+    face = face_zone_fraction(limits.face, seen, points, parts, dt, human.head_seen.margin)
+    anywhere = _fraction(STRAIGHT * limits.motion.point_speed, max(length(it) for it in velocities.tolist()))
     acted: set[Rule] = {Rule.FACE_ZONE} if face < 1.0 else set()
     if anywhere < face:
         acted.add(Rule.POINT_SPEED)

@@ -56,7 +56,7 @@ def within_rules(
         dt: s, of the tick.
     """
     if human is None:
-        fraction = people.unseen_fraction(limits, goals.jacobians @ (reference + offset))
+        fraction = people.unseen_fraction(limits, goals.jacobians * (reference + offset))
         # A reference that brakes may still be faster by itself: then goals lead it by no more than before.
         return Rates(reference, fraction * offset if fraction == 1.0 else 0.0 * offset, None), (
             {Rule.FEED_FORWARD} if fraction < 1.0 else set()
@@ -70,8 +70,7 @@ def within_rules(
         else:
             offset = np.clip(offset - _part_along(excess, offset), *bounds)
             reference = limited - offset
-    moving = goals.jacobians @ (reference + offset)
-    fraction, closing, _ = people.points_fraction(limits, seen, human, goals, moving, closing, dt)
+    fraction, closing, _ = people.points_fraction(limits, seen, human, goals, reference + offset, closing, dt)
     acted: set[Rule] = {Rule.FEED_FORWARD} if too_fast or fraction < 1.0 else set()
     return Rates(fraction * reference, fraction * offset, closing), acted
 

@@ -18,6 +18,10 @@ from highfive.model.geometry.rotations import Array
 
 _CHANNELS = {f"{axis}{kind}".lower(): (kind, axis.lower()) for axis in "XYZ" for kind in ("position", "rotation")}
 _RATES = (1.0, 10_000.0)
+MOST_JOINTS = 2_000
+"""End sites among them; a skeleton with fingers and a face has 200. Each takes memory in every frame."""
+MOST_VALUES = 100_000_000
+"""Frames × joints, or × channels: three hours of 60 joints at 120 Hz are 78 million places."""
 
 
 @dataclass
@@ -42,6 +46,8 @@ def parse_bvh(text: str, source: str) -> NamedPoints:
     joints = _hierarchy(lines[1:motion], source)
     rate, values = _motion(lines[motion + 1 :], sum(len(joint.channels) for joint in joints), source)
     names = unique([joint.name for joint in joints], source)
+    if len(values) * len(joints) > MOST_VALUES:
+        raise HighFiveError(f"{source}: {len(values)} frames of {len(joints)} joints are too many; cut it into trials")
     return NamedPoints(source, rate, names, _places(joints, values), None, centres=True)
 
 
@@ -59,6 +65,8 @@ def _hierarchy(lines: list[tuple[int, str]], source: str) -> list[_Joint]:
             if kind in ("ROOT", "JOINT", "END"):
                 if named or (kind == "ROOT") == bool(open_joints):
                     raise HighFiveError(f"{where}: {part.strip()[:40]!r} is out of place")
+                if len(joints) == MOST_JOINTS:
+                    raise HighFiveError(f"{where}: more than {MOST_JOINTS} joints make no sense")
                 joints.append(_named(kind, rest.strip(), joints, open_joints, where))
                 named = True
             elif kind == "{" and named:
@@ -118,6 +126,8 @@ def _motion(lines: list[tuple[int, str]], channels: int, source: str) -> tuple[f
     rows = lines[2:]
     if frames != len(rows) or not rows:
         raise HighFiveError(f"{source}: {frames:g} frames are announced, {len(rows)} are there; is it cut off?")
+    if len(rows) * channels > MOST_VALUES:
+        raise HighFiveError(f"{source}: {len(rows)} frames of {channels} channels are too many; cut it into trials")
     values = np.empty((len(rows), channels))
     for row, (place, line) in enumerate(rows):
         words = line.split()

@@ -26,6 +26,7 @@ MAX_BYTES = 1 << 30
 """Largest file that is read, bytes: an hour of two people with 60 markers each is about 0.8 GB."""
 
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_IMPORTED = (".bvh", ".trc", ".csv", ".tsv")  # what ``highfive import`` makes a C3D file of
 _INTEL, _DEC, _MIPS = 84, 85, 86
 _UNLABELLED = re.compile(r"(\*|uname|unlabel|unidentified).*|", re.IGNORECASE)
 # Model outputs that Vicon stores among the points, but that are no positions.
@@ -164,7 +165,8 @@ def read_bytes(path: Path, max_bytes: int) -> bytes:
     if not data:
         raise HighFiveError(f"{path.name} is empty; expected a C3D file")
     if len(data) < BLOCK or data[1] != 0x50:
-        raise HighFiveError(f"{path.name} is not a C3D file (no C3D header in its first {BLOCK} bytes)")
+        hint = f"; first: highfive import --human {path} --to FOLDER" if path.suffix.lower() in _IMPORTED else ""
+        raise HighFiveError(f"{path.name} is not a C3D file (no C3D header in its first {BLOCK} bytes){hint}")
     return data
 
 
@@ -190,9 +192,9 @@ def layout_of(data: bytes, name: str) -> Layout:
         value = parameters.get(("POINT", parameter))
         return float(value.numbers[0]) if value is not None and len(value.numbers) else otherwise
 
-    points = int(number("USED", float(header[1])))
+    points = _whole(number("USED", float(header[1])))
     frames = _frame_count(parameters, header)
-    start = (int(number("DATA_START", float(header[8]))) - 1) * BLOCK
+    start = (_whole(number("DATA_START", float(header[8]))) - 1) * BLOCK
     scale = number("SCALE", -1.0)
     rate = number("RATE", float(_floats(data[20:24], processor)[0]))
     if not (math.isfinite(rate) and 1.0 <= rate <= 10_000.0):
@@ -216,8 +218,9 @@ def _frame_count(parameters: dict[tuple[str, str], Parameter], header: NDArray[n
     """Number of frames; a 16-bit count cannot hold more than 65535, so longer files say it elsewhere."""
     first, last = parameters.get(("TRIAL", "ACTUAL_START_FIELD")), parameters.get(("TRIAL", "ACTUAL_END_FIELD"))
     if first is not None and last is not None and len(first.numbers) == 2 and len(last.numbers) == 2:
-        low_high = np.mod([first.numbers, last.numbers], 65536)
-        return int(low_high[1] @ [1, 65536] - low_high[0] @ [1, 65536]) + 1
+        fields = [[_whole(number) % 65536 for number in one.numbers] for one in (first, last)]
+        low, high = (field[0] + 65536 * field[1] for field in fields)
+        return high - low + 1
     stated = parameters.get(("POINT", "FRAMES"))
     count = float(stated.numbers[0]) if stated is not None and len(stated.numbers) else 0.0
     if math.isfinite(count) and count != 0.0:
@@ -225,10 +228,18 @@ def _frame_count(parameters: dict[tuple[str, str], Parameter], header: NDArray[n
     return int(header[4]) - int(header[3]) + 1
 
 
+def _whole(number: float) -> int:
+    """Without its fraction; 0 for one that is none or infinite."""
+    return int(number) if math.isfinite(number) else 0
+
+
 def _parameters(data: bytes, position: int, end: int, processor: int) -> dict[tuple[str, str], Parameter]:
-    """All readable parameters by (group, name). Stops at the first record that leads out of the section."""
+    """All readable parameters by (group, name). Stops at the first record that leads out of the section, or where
+    records take more bytes than there are: they lie in each other.
+    """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Parameter]] = []
+    view, left = memoryview(data), end - position
     while position + 2 <= end:
         length = abs(int.from_bytes(data[position : position + 1], "big", signed=True))
         group = int.from_bytes(data[position + 1 : position + 2], "big", signed=True)
@@ -240,41 +251,51 @@ def _parameters(data: bytes, position: int, end: int, processor: int) -> dict[tu
         if group < 0:
             groups[-group] = name
         else:
-            found.append((group, name, _parameter(data[body + 2 : end], processor)))
-        if step <= 0:
+            parameter, size = _parameter(view[body + 2 : end], processor)
+            found.append((group, name, parameter))
+            left -= size
+        if step <= 0 or left < 0:
             break
         position = body + step
     return {(groups.get(group, ""), name): parameter for group, name, parameter in found}
 
 
-def _parameter(record: bytes, processor: int) -> Parameter:
+def _parameter(record: memoryview, processor: int) -> tuple[Parameter, int]:
+    """A parameter, and how many bytes its values take."""
     kind = int.from_bytes(record[:1], "big", signed=True)
     count = record[1] if len(record) > 1 else 0
     shape = tuple(record[2 : 2 + count])
     items = math.prod(shape)
     raw = record[2 + count :][: items * abs(kind)]
     if len(raw) < items * abs(kind):
-        return Parameter(np.zeros(0))
+        return Parameter(np.zeros(0)), 0
     if kind == -1:
         width = shape[0] if shape else 1
-        texts = [raw[i : i + width] for i in range(0, len(raw), width)] if width else []
-        return Parameter(np.zeros(0), tuple(text.decode("latin-1").strip(" \0") for text in texts))
+        texts = [bytes(raw[i : i + width]) for i in range(0, len(raw), width)] if width else []
+        strings = tuple(text.decode("latin-1").strip(" \0") for text in texts)
+        return Parameter(np.zeros(0), strings), len(raw)
     if kind == 4:
-        return Parameter(_floats(raw, processor).astype(float))
+        return Parameter(_wide(_floats(raw, processor))), len(raw)
     numbers = _integers(raw, processor) if kind == 2 else np.frombuffer(raw, np.uint8)
-    return Parameter(numbers.astype(float))
+    return Parameter(numbers.astype(float)), len(raw)
 
 
-def _integers(raw: bytes, processor: int) -> NDArray[np.int16]:
+def _integers(raw: bytes | memoryview, processor: int) -> NDArray[np.int16]:
     return np.frombuffer(raw, ">i2" if processor == _MIPS else "<i2").astype(np.int16)
 
 
-def _floats(raw: bytes, processor: int) -> NDArray[np.float32]:
+@np.errstate(invalid="ignore")  # bytes can make a number that stands for an error
+def _wide(numbers: NDArray[np.float32] | NDArray[np.int16]) -> Array:
+    return numbers.astype(float)
+
+
+def _floats(raw: bytes | memoryview, processor: int) -> NDArray[np.float32]:
     if processor != _DEC:
         return np.frombuffer(raw, ">f4" if processor == _MIPS else "<f4").astype(np.float32)
     # A VAX F float is an IEEE single with its two halves swapped and its exponent two higher.
     swapped = np.frombuffer(raw, "<u2").reshape(-1, 2)[:, ::-1].copy()
-    return (swapped.view("<f4")[:, 0] / 4.0).astype(np.float32)
+    with np.errstate(invalid="ignore", under="ignore"):
+        return (swapped.view("<f4")[:, 0] / 4.0).astype(np.float32)
 
 
 def _strings(layout: Layout, name: str) -> tuple[str, ...]:
@@ -301,6 +322,7 @@ def _points(data: bytes, layout: Layout) -> tuple[Array, NDArray[np.bool_]]:
     words = _floats(raw, layout.processor) if layout.scale < 0 else _integers(raw, layout.processor)
     words = words.reshape(layout.frames, layout.words_a_frame)[:, : 4 * layout.points]
     words = words.reshape(layout.frames, layout.points, 4)
-    points = words[..., :3].astype(float) * (1.0 if layout.scale < 0 else layout.scale)
+    with np.errstate(over="ignore", invalid="ignore"):
+        points = _wide(words[..., :3]) * (1.0 if layout.scale < 0 else layout.scale)
     seen = (words[..., 3] >= 0) & np.all(np.isfinite(points), axis=-1) & np.any(points != 0.0, axis=-1)
     return np.where(seen[..., None], points, 0.0), seen

@@ -51,10 +51,14 @@ def write_frames(
         file.write(_header(rate_hz, len(names), count, 2 + blocks))
         file.write(section.ljust(blocks * BLOCK, b"\0"))
         words, written = np.zeros((len(names), 4), dtype="<f4"), 0
-        for points, seen in frames:
-            words[:, :3] = np.where(seen[:, None], points * 1e3, 0.0)
-            words[:, 3] = np.where(seen, 0.0, -1.0)
-            file.write(words.tobytes())
+        before, data = None, b""
+        for frame in frames:
+            if frame is not before:  # in a gap it is the same one for long
+                points, seen = before = frame
+                words[:, :3] = np.where(seen[:, None], points * 1e3, 0.0)
+                words[:, 3] = np.where(seen, 0.0, -1.0)
+                data = words.tobytes()
+            file.write(data)
             written += 1
         if written != count:
             raise HighFiveError(f"cannot write {path}: {written} frames came, {count} were announced")

@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Sequence
+from array import array
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from highfive.mocap_bridge.files.named_points import NamedPoints, at_frames, frames_of, number, unique
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 _TIMES = {"time": 1.0, "time_s": 1.0, "time (s)": 1.0, "time [s]": 1.0, "t": 1.0, "timestamp": 1.0, "seconds": 1.0}
 _TIMES |= {"time_ms": 1e-3, "time (ms)": 1e-3, "time [ms]": 1e-3, "timestamp_ms": 1e-3}
@@ -32,33 +34,18 @@ def parse_csv(text: str, source: str) -> NamedPoints:
     """
     lines = text.splitlines()
     separator = max(";\t,", key=lines[0].count)
+    table = (row for row in csv.reader(lines, delimiter=separator) if row)
     try:
-        rows = [row for row in csv.reader(lines, delimiter=separator) if row]
+        heads = [head.strip() for head in next(table, [])]
+        time = [column for column, head in enumerate(heads) if head.lower() in _TIMES]
+        if len(time) != 1:
+            found = f"{len(time)} time columns" if time else "no time column"
+            raise HighFiveError(f"{source} has {found}; one is to be called time, in s; it has {_some(heads)}")
+        columns, unit = _columns(heads, source)
+        used = [time[0], *(column for three in columns.values() for column in three)]
+        values = _values(table, heads, used, separator == ";", source)
     except csv.Error as error:
         raise HighFiveError(f"{source} is no table: {error}") from None
-    heads = [head.strip() for head in rows[0]]
-    time = [column for column, head in enumerate(heads) if head.lower() in _TIMES]
-    if len(time) != 1:
-        found = f"{len(time)} time columns" if time else "no time column"
-        raise HighFiveError(f"{source} has {found}; one is to be called time, in s; it has {_some(heads)}")
-    columns, unit = _columns(heads, source)
-    if len(rows) < 3:
-        raise HighFiveError(f"{source} holds {len(rows) - 1} frames; two or more are needed")
-    for place, row in enumerate(rows[1:], start=2):
-        if len(row) != len(heads):
-            raise HighFiveError(f"{source}, row {place}: {len(row)} cells, its header has {len(heads)}; is it cut off?")
-    _check_one_trial(heads, rows[1:], source)
-    decimal_comma = separator == ";"
-    used = [time[0], *(column for three in columns.values() for column in three)]
-    values = np.array(
-        [
-            [
-                number(row[c].replace(",", ".") if decimal_comma else row[c], f"{source}, row {n}, {heads[c]}")
-                for c in used
-            ]
-            for n, row in enumerate(rows[1:], start=2)
-        ]
-    )
     times = _TIMES[heads[time[0]].lower()] * values[:, 0]
     if not np.isfinite(times).all():
         raise HighFiveError(f"{source}, row {2 + int(np.argmin(np.isfinite(times)))}: the time is missing")
@@ -67,14 +54,30 @@ def parse_csv(text: str, source: str) -> NamedPoints:
     return NamedPoints(source, rate, unique(list(columns), source), at_frames(points, frames), unit)
 
 
-def _check_one_trial(heads: Sequence[str], rows: Sequence[Sequence[str]], source: str) -> None:
-    """A table of several trials has pauses that are no lost frames."""
-    column = next((column for column, head in enumerate(heads) if head.lower() == "trial"), None)
-    trials = [] if column is None else list(dict.fromkeys(row[column] for row in rows))
+def _values(
+    table: Iterator[list[str]], heads: Sequence[str], used: Sequence[int], decimal_comma: bool, source: str
+) -> Array:
+    """The numbers (T, C) in the ``used`` columns of the rows below the header."""
+    trial = next((column for column, head in enumerate(heads) if head.lower() == "trial"), None)
+    trials: set[str] = set()  # a table of several has pauses that are no lost frames
+    cells, count = array("d"), 0
+    for count, row in enumerate(table, start=1):
+        if len(row) != len(heads):
+            raise HighFiveError(
+                f"{source}, row {count + 1}: {len(row)} cells, its header has {len(heads)}; is it cut off?"
+            )
+        if trial is not None:
+            trials.add(row[trial])
+        for column in used:
+            cell = row[column].replace(",", ".") if decimal_comma else row[column]
+            cells.append(number(cell, f"{source}, row {count + 1}, {heads[column]}"))
+    if count < 2:
+        raise HighFiveError(f"{source} holds {count} frames; two or more are needed")
     if len(trials) > 1:
         raise HighFiveError(
             f"{source} holds {len(trials)} trials; give a file of each (of our own tables: highfive export --trial N)"
         )
+    return np.array(cells).reshape(count, len(used))
 
 
 def _columns(heads: Sequence[str], source: str) -> tuple[dict[str, tuple[int, int, int]], str | None]:

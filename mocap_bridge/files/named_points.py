@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,13 +10,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from highfive.mocap_bridge.files.recording import Recording, make_recording
+from highfive.mocap_bridge.files.recording import FARTHEST_M, Recording, make_recording
 from highfive.mocap_bridge.wire.plausible import spans
 from highfive.model.errors import HighFiveError
+from highfive.model.files import check_size
 from highfive.model.geometry.rotations import Array
 
 MAX_BYTES = 1 << 28
 """Largest text file that is read, bytes."""
+MOST_LINES = 5_000_000
+"""Eleven hours at 120 Hz."""
+_LINE_ENDS = "\n\r\x0b\x0c\x1c\x1d\x1e\x85\u2028\u2029"
 UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 """m a unit."""
 PERSON_SPANS = {"m": (0.5, 3.0), "cm": (90.0, 300.0), "mm": (500.0, 3000.0)}
@@ -57,11 +62,7 @@ def read_text(path: Path) -> str:
         HighFiveError: it is not there, cannot be read, is empty, too large, or no text.
     """
     try:
-        if path.is_dir():
-            raise HighFiveError(f"{path} is a folder; give a file")
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise HighFiveError(f"{path.name} has {size} bytes, more than the limit of {MAX_BYTES}; cut it into trials")
+        check_size(path, MAX_BYTES)
         content = path.read_bytes()
     except OSError as error:
         raise HighFiveError(f"cannot read {path}: {error.strerror}") from None
@@ -70,9 +71,12 @@ def read_text(path: Path) -> str:
     if b"\0" in content:
         raise HighFiveError(f"{path.name} is no text; BVH, TRC and CSV are text files")
     try:
-        return content.decode("utf-8-sig")
+        text = content.decode("utf-8-sig")
     except UnicodeDecodeError:
-        return content.decode("latin-1")
+        text = content.decode("latin-1")
+    if sum(map(text.count, _LINE_ENDS)) > MOST_LINES:
+        raise HighFiveError(f"{path.name} has more than {MOST_LINES} lines; cut it into trials")
+    return text
 
 
 def number(text: str, what: str) -> float:
@@ -109,14 +113,13 @@ def frames_of(times: Array, source: str) -> tuple[float, NDArray[np.int64]]:
             f"{_RATES[0]:g} to {_RATES[1]:g} Hz"
         )
     period = float(steps[steps < 1.5 * period].mean())  # of frames that follow each other: jitter evens out
+    longest = int(np.argmax(steps))
+    if steps[longest] > _SPARSE * len(times) * period:  # a quotient of more may have no room
+        raise _uneven(source, steps, longest, period)
     ahead = np.maximum(np.rint(steps / period), 1.0)
     off = np.abs(steps / period - ahead)
     if off.max() > _UNEVEN or ahead.sum() > _SPARSE * len(times):
-        at = int(np.argmax(off)) + 1
-        raise HighFiveError(
-            f"{source}: times are uneven (a step of {steps[at - 1]:g} s before frame {at}, {period:g} s is usual); "
-            "resample them to one rate"
-        )
+        raise _uneven(source, steps, int(np.argmax(off)), period)
     frames = np.concatenate([[0], np.cumsum(ahead)]).astype(np.int64)
     return round(float(frames[-1] / (times[-1] - times[0])), 3), frames
 
@@ -139,7 +142,9 @@ def in_world(found: NamedPoints, metres: float, up: str) -> Recording:
     Raises:
         HighFiveError: not one point is there.
     """
-    points = metres * found.points
+    with np.errstate(over="ignore"):
+        points = metres * found.points
+    points = np.where(np.abs(points) <= FARTHEST_M, points, np.nan)
     if up == "y":
         points = np.stack([points[..., 0], -points[..., 2], points[..., 1]], axis=-1)
     valid = np.asarray(np.isfinite(points).all(axis=-1))
@@ -177,10 +182,17 @@ def unique(names: Sequence[str], source: str) -> tuple[str, ...]:
     Raises:
         HighFiveError: one is there twice, or empty.
     """
-    twice = [name for name in dict.fromkeys(names) if list(names).count(name) > 1]
+    twice = [name for name, count in Counter(names).items() if count > 1]
     if twice or "" in names:
         which = f"{', '.join(twice[:3])} there twice" if twice else "a point without a name"
         raise HighFiveError(
             f"{source} has {which}; name each point, and two people's by a prefix each (human:, avatar:)"
         )
     return tuple(names)
+
+
+def _uneven(source: str, steps: Array, before: int, period: float) -> HighFiveError:
+    return HighFiveError(
+        f"{source}: times are uneven (a step of {steps[before]:g} s before frame {before + 1}, {period:g} s is usual); "
+        "resample them to one rate"
+    )

@@ -12,6 +12,9 @@ from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
+FARTHEST_M = 1e6
+"""A coordinate beyond is none that was measured, m, and in mm it would not fit into a C3D file."""
+
 
 @dataclass(frozen=True)
 class Recording:

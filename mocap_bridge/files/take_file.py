@@ -8,6 +8,7 @@ count its frames. What a crash cut off is left out when the file is read.
 from __future__ import annotations
 
 import json
+import math
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
@@ -18,6 +19,7 @@ from typing import BinaryIO
 import numpy as np
 
 from highfive.mocap_bridge.files.c3d_writer import MAX_POINTS, write_frames
+from highfive.mocap_bridge.files.recording import FARTHEST_M
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.wire.lost_samples import lost_before
 from highfive.model.errors import HighFiveError
@@ -42,6 +44,9 @@ _MAGIC = b"HIGHFIVE TAKE 1\n"
 _BLOCK = struct.Struct("<cII")
 _FRAME = struct.Struct("<qqII")  # number, arrival (ns), markers, points without a label
 _STAMP = struct.Struct("<q")  # source time (ns)
+_SPARSE, _ALWAYS = 100, 10_000
+"""A recording is at most so many times as long as the frames that came and so many more: two hours of which nothing
+came. Of a damaged one gaps would be written until the disk is full."""
 _MOST_LOOSE = 32  # points without a label that a frame of the C3D file holds
 _LONGEST = 1 << 24  # bytes of a block
 
@@ -161,6 +166,8 @@ def take_to_c3d(raw: Path, path: Path, *, replace: bool = False) -> tuple[int, i
             labels = [*names, *(f"*{u + 1}" for u in range(loose))]
             order = sorted(range(len(places)), key=lambda k: slots[k])
             total = slots[order[-1]] + 1
+            if total > _SPARSE * (len(places) + _ALWAYS):
+                raise HighFiveError(f"{raw}: its {len(places)} frames lie {total} apart; it is damaged")
             frames = _frames(file, places, tables_to, [slots[k] for k in order], order, len(names), loose)
             with written_whole(path, replace=replace) as partial:
                 write_frames(partial, rate, labels, total, frames)
@@ -186,27 +193,50 @@ def _index(file: BinaryIO) -> tuple[list[tuple[str, ...]], list[float], list[_Pl
         body = file.read(length)
         if len(body) < length or zlib.crc32(body) != checksum:
             break
-        if kind == b"N":
-            said = json.loads(body)
-            tables.append(tuple(said["names"]))
-            rates.append(float(said["rate_hz"]))
-        elif kind == b"F" and tables:
-            number, arrival, _, loose = _FRAME.unpack_from(body)
-            places.append(_Place(offset, len(tables) - 1, number, arrival, loose, stamp))
-            stamp = None
-        elif kind == b"S":
-            (stamp,) = _STAMP.unpack(body)
+        try:
+            if kind == b"N":
+                names, rate = _described(body)
+                tables.append(names)
+                rates.append(rate)
+            elif kind == b"F" and tables:
+                number, arrival, count, loose = _FRAME.unpack_from(body)
+                if count != len(tables[-1]) or length != _FRAME.size + 12 * (count + loose):
+                    break
+                places.append(_Place(offset, len(tables) - 1, number, arrival, loose, stamp))
+                stamp = None
+            elif kind == b"S":
+                (stamp,) = _STAMP.unpack(body)
+        except (struct.error, ValueError, KeyError, TypeError, OverflowError, RecursionError):  # no block of ours
+            break
     return tables, rates, places
+
+
+def _described(body: bytes) -> tuple[tuple[str, ...], float]:
+    """Names and rate.
+
+    Raises:
+        ValueError, KeyError, TypeError: it says none.
+    """
+    said = json.loads(body)
+    names, rate = tuple(said["names"]), float(said["rate_hz"])
+    if len(set(names)) < len(names) or not all(isinstance(name, str) for name in names) or not math.isfinite(rate):
+        raise ValueError("names or a rate that are none")
+    return names, rate
 
 
 def _rate(rates: Sequence[float], places: Sequence[_Place]) -> float:
     """The rate that the system said last, or the one at which numbers advanced."""
-    said = [rate for rate in rates if 1.0 <= rate <= 10_000.0]
+    said = [rate for rate in rates if _said(rate)]
     if said:
         return said[-1]
     elapsed = (places[-1].arrival_ns - places[0].arrival_ns) * 1e-9
     counted = places[-1].number - places[0].number
     return float(np.clip(round(counted / elapsed), 1, 10_000)) if elapsed > 0.5 and counted > 0 else 120.0
+
+
+def _said(rate: float) -> bool:
+    """Whether a rate, Hz, is one: some systems say 0, and a damaged take anything."""
+    return 1.0 <= rate <= 10_000.0
 
 
 def _stamped(places: Sequence[_Place], rates: Sequence[float], rate: float) -> tuple[float, list[int]]:
@@ -216,7 +246,7 @@ def _stamped(places: Sequence[_Place], rates: Sequence[float], rate: float) -> t
     """
     stamps = (1e-9 * ((place.stamp_ns or 0) - (places[0].stamp_ns or 0)) for place in places)
     arrivals = (1e-9 * (place.arrival_ns - places[0].arrival_ns) for place in places)
-    lost, period_s = lost_before(stamps, arrivals, rates[-1])
+    lost, period_s = lost_before(stamps, arrivals, rates[-1] if _said(rates[-1]) else 0.0)
     slots = (np.arange(len(places)) + np.cumsum(lost)).tolist()
     if period_s > 0.0 and abs(rate * period_s - 1.0) > max(CLOCKS_DIFFER, 1.0 / (slots[-1] + 1)):
         rate = float(np.clip(round(1.0 / period_s, 3), 1.0, 10_000.0))
@@ -264,11 +294,12 @@ def _frames(
         _, length, _ = _BLOCK.unpack(file.read(_BLOCK.size))
         body = file.read(length)
         _, _, count, many = _FRAME.unpack_from(body)
-        stored = np.frombuffer(body, "<f4", offset=_FRAME.size).reshape(count + many, 3).astype(float)
+        with np.errstate(invalid="ignore"):  # bytes can make a number that stands for an error
+            stored = np.frombuffer(body, "<f4", offset=_FRAME.size).reshape(count + many, 3).astype(float)
         points = np.full((markers + loose, 3), np.nan)
         to = columns[place.names]
         points[to[to >= 0]] = stored[:count][to >= 0]
         points[markers : markers + min(many, loose)] = stored[count : count + min(many, loose)]
-        seen = np.asarray(np.isfinite(points).all(axis=1))
+        seen = np.asarray((np.abs(points) <= FARTHEST_M).all(axis=1))  # NaN is not less than anything
         yield np.where(seen[:, None], points, 0.0), seen
         at = slot + 1

@@ -6,6 +6,8 @@ a line of axes, then rows of frame number, time and coordinates; an empty cell i
 
 from __future__ import annotations
 
+from array import array
+
 import numpy as np
 
 from highfive.mocap_bridge.files.named_points import UNITS, NamedPoints, at_frames, frames_of, number, unique
@@ -39,7 +41,10 @@ def parse_trc(text: str, source: str) -> NamedPoints:
     if len(rows) != frames:
         raise HighFiveError(f"{source}: NumFrames is {frames}, but it holds {len(rows)}; is it cut off?")
     width = 2 + 3 * markers
-    values = np.array([_row(line, width, f"{source}, line {place}") for place, line in rows])
+    cells = array("d")  # a tenth of what lists of numbers take
+    for place, line in rows:
+        cells.extend(_row(line, width, f"{source}, line {place}"))
+    values = np.array(cells).reshape(-1, width)
     rate, at = frames_of(values[:, 1], source)
     stated = number(about["DataRate"], f"{source}: DataRate")
     if not abs(stated - rate) <= _RATE_OFF * rate:

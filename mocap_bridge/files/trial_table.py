@@ -21,22 +21,27 @@ HOLD_OUT = 5
 NO_EMOTION = "neutral"
 """What a set without any emotion is said to show."""
 
+CONTACT = "contact"
+"""A column that a table may have: where it is empty, or says ``no``, no contact comes in that trial."""
+_WORDS = {"": False, "no": False, "0": False, "false": False, "yes": True, "1": True, "true": True}
+
 Say = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class TrialRow:
-    """A row of ``trials.csv``."""
+    """A row of ``trials.csv``; ``contact`` where palms meet."""
 
     file: str
     emotion: str
     cell: str
     repetition: int
     test: bool
+    contact: bool = True
 
 
 def read_table(folder: Path, say: Say = lambda line: None) -> list[TrialRow]:
-    """The trials of a folder.
+    """The high fives of a folder: the trials in which a contact comes.
 
     Where the table says of no trial whether it is held out, every fifth of each emotion is; where it names no emotion
     at all, there is one.
@@ -48,6 +53,24 @@ def read_table(folder: Path, say: Say = lambda line: None) -> list[TrialRow]:
     Raises:
         HighFiveError: no folder, no table, columns missing, a value that is none, or no trial in it.
     """
+    rows, split = _all_rows(folder, say)
+    rows = [row for row in rows if row.contact]
+    if not rows:
+        raise HighFiveError(f"{folder / TABLE} lists no trial with a contact")
+    return rows if split else with_held_out(rows, say)
+
+
+def read_without_contact(folder: Path) -> list[TrialRow]:
+    """The trials of a folder in which no contact comes: those whose column ``contact`` is empty or says no.
+
+    Raises:
+        HighFiveError: as :func:`read_table`.
+    """
+    return [row for row in _all_rows(folder, lambda line: None)[0] if not row.contact]
+
+
+def _all_rows(folder: Path, say: Say) -> tuple[list[TrialRow], bool]:
+    """All rows, and whether the table says of any which are held out."""
     path = folder / TABLE
     try:
         with path.open(newline="", encoding="utf-8-sig") as file:
@@ -65,18 +88,20 @@ def read_table(folder: Path, say: Say = lambda line: None) -> list[TrialRow]:
         raise HighFiveError(f"{path} has the columns {', '.join(columns) or 'none'}; {NEEDED} is missing")
     if not found:
         raise HighFiveError(f"{path} lists no trial")
-    texts = [{key: (row.get(names.get(key, key)) or "").strip() for key in COLUMNS} for row in found]
+    texts = [{key: (row.get(names.get(key, key)) or "").strip() for key in (*COLUMNS, CONTACT)} for row in found]
+    if CONTACT not in names:
+        texts = [text | {CONTACT: "yes"} for text in texts]
     if not any(text["emotion"] for text in texts):
         say(f"{path.name} names no emotion: all trials count as {NO_EMOTION}")
         texts = [text | {"emotion": NO_EMOTION} for text in texts]
-    rows = [_row(path, number, text) for number, text in enumerate(texts, start=2)]
-    if not any(text["split"] for text in texts):
-        rows = with_held_out(rows, say)
-    return rows
+    return [_row(path, number, text) for number, text in enumerate(texts, start=2)], any(t["split"] for t in texts)
 
 
 def _row(path: Path, line: int, text: dict[str, str]) -> TrialRow:
-    if not text["file"] or not text["emotion"]:
+    contact = _WORDS.get(text[CONTACT].lower())
+    if contact is None:
+        raise HighFiveError(f"{path}, line {line}: contact is {text[CONTACT]!r}; expected yes, no or nothing")
+    if not text["file"] or not (text["emotion"] or not contact):
         raise HighFiveError(f"{path}, line {line}: a trial needs a file and an emotion")
     split = text["split"].lower() or "train"
     if split not in ("train", "test"):
@@ -85,7 +110,7 @@ def _row(path: Path, line: int, text: dict[str, str]) -> TrialRow:
         repetition = int(text["repetition"] or -1)
     except ValueError:
         raise HighFiveError(f"{path}, line {line}: repetition is {text['repetition']!r}; expected a number") from None
-    return TrialRow(text["file"], text["emotion"], text["cell"], repetition, split == "test")
+    return TrialRow(text["file"], text["emotion"], text["cell"], repetition, split == "test", contact)
 
 
 def with_held_out(rows: Sequence[TrialRow], say: Say) -> list[TrialRow]:

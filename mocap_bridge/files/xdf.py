@@ -7,15 +7,18 @@ was killed, is read up to there.
 from __future__ import annotations
 
 import struct
+from array import array
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from mmap import ACCESS_READ, mmap
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 
 from highfive.model.errors import HighFiveError
+from highfive.model.files import check_size
 from highfive.model.geometry.rotations import Array
 
 MAGIC = b"XDF:"
@@ -23,9 +26,12 @@ HEADER, SAMPLES, CLOCK_OFFSET = 2, 3, 4
 _KINDS = {
     "float32": "<f4", "double64": "<f8", "int8": "<i1", "int16": "<i2", "int32": "<i4", "int64": "<i8",
 }  # fmt: skip
-_MOST_BYTES = 8_000_000_000
+_MOST_BYTES = 4 << 30
 _MOST_HEADER = 4_000_000
+_MOST_STREAMS = 10_000
 _MOST_CHANNELS = 10_000
+# What bytes make that are no stream's: the last one where a chunk ends within a sample.
+_DAMAGED = (ValueError, KeyError, OverflowError, RecursionError, struct.error, ElementTree.ParseError, IndexError)
 _CLOCK_SET_S = 1.0
 """Offsets that differ by more from one measurement to the next are of a clock that was set."""
 _OUTLYING = 3.0
@@ -80,12 +86,12 @@ def read_xdf(path: Path) -> list[XdfStream]:
         HighFiveError: it cannot be read, or is no XDF file.
     """
     try:
-        if path.stat().st_size > _MOST_BYTES:
-            raise HighFiveError(f"{path} is larger than {_MOST_BYTES >> 30} GiB; record fewer streams a file")
-        content = path.read_bytes()
+        check_size(path, _MOST_BYTES)
+        with path.open("rb") as file:
+            content = memoryview(mmap(file.fileno(), 0, access=ACCESS_READ)) if path.stat().st_size else memoryview(b"")
     except OSError as error:
         raise HighFiveError(f"cannot read {path}: {error.strerror or error}") from None
-    if not content.startswith(MAGIC):
+    if content[: len(MAGIC)] != MAGIC:
         raise HighFiveError(f"{path} is no XDF file: it does not begin with {MAGIC.decode()}")
     found: dict[int, _Stream] = {}
     for tag, chunk in _chunks(content, path):
@@ -94,10 +100,12 @@ def read_xdf(path: Path) -> list[XdfStream]:
         (number,) = struct.unpack_from("<I", chunk)
         try:
             if tag == HEADER:
+                if len(found) == _MOST_STREAMS:
+                    raise ValueError(f"more than {_MOST_STREAMS} of them make no sense")
                 found.setdefault(number, _Stream(bytes(chunk[4:])))
             elif number in found:
                 (found[number].samples if tag == SAMPLES else found[number].offset)(chunk[4:])
-        except (ValueError, KeyError, struct.error, ElementTree.ParseError) as error:
+        except _DAMAGED as error:
             reason = " ".join(str(error).split())
             raise HighFiveError(f"{path} is damaged, or of another version: stream {number}: {reason}") from None
     return [stream.whole() for stream in found.values()]
@@ -120,9 +128,9 @@ class _Stream:
         labels = [channel.findtext("label", "") for channel in about.iterfind("desc/channels/channel")]
         named = len(labels) == self.count and all(labels)
         self.labels = tuple(labels) if named else tuple(str(n + 1) for n in range(self.count))
-        self.stamps: list[float] = []
+        self.stamps = array("d")
         self.rows: list[tuple[str, ...]] = []
-        self.numbers: list[Array] = []
+        self.numbers = bytearray()
         self.measured: list[tuple[float, float]] = []
 
     def samples(self, chunk: memoryview) -> None:
@@ -137,7 +145,9 @@ class _Stream:
             else:  # the recorder leaves out what follows from the nominal rate
                 self.stamps.append((self.stamps[-1] if self.stamps else 0.0) + step)
             if width:
-                self.numbers.append(np.frombuffer(chunk, _KINDS[self.format], self.count, at).astype(float))
+                if at + width > len(chunk):
+                    raise ValueError("a chunk ends within a sample")
+                self.numbers += chunk[at : at + width]
                 at += width
             else:
                 row: list[str] = []
@@ -154,15 +164,18 @@ class _Stream:
 
     def whole(self) -> XdfStream:
         measured = np.array(self.measured, float).reshape(-1, 2)
-        values = np.array(self.numbers) if self.numbers else np.zeros((len(self.stamps), 0))
+        values = np.zeros((len(self.stamps), 0))
+        if self.numbers:
+            with np.errstate(invalid="ignore"):  # bytes can make a number that stands for an error
+                values = np.frombuffer(self.numbers, _KINDS[self.format]).reshape(-1, self.count).astype(float)
         return XdfStream(
             self.name, self.kind, self.rate_hz, self.labels, np.array(self.stamps, float), tuple(self.rows), values,
             measured[:, 0], measured[:, 1],
         )  # fmt: skip
 
 
-def _chunks(content: bytes, path: Path) -> Iterator[tuple[int, memoryview]]:
-    view, at = memoryview(content), len(MAGIC)
+def _chunks(view: memoryview, path: Path) -> Iterator[tuple[int, memoryview]]:
+    at = len(MAGIC)
     while at < len(view):
         try:
             size, at = _length(view, at)

@@ -187,7 +187,7 @@ def _finger_part(finger: str, words: Sequence[str]) -> str:
     """Knuckle of a finger, the tip of the hand, or ''."""
     finger = {"pinky": "little"}.get(finger, finger)
     tip = {"end", "tip", "site", "distal", "nub"}.intersection(words)
-    number = next((int(word) for word in words if word.isdigit()), 1)
+    number = next((int(word[:9]) for word in words if word.isdecimal()), 1)
     if finger == "middle" and (tip or number >= 3):
         return "hand_tip"
     first = not tip and number <= 1 and not {"intermediate", "dip", "pip"}.intersection(words)
@@ -197,7 +197,7 @@ def _finger_part(finger: str, words: Sequence[str]) -> str:
 def _height(words: Sequence[str]) -> float:
     """Height on the trunk in steps of a numbered spine."""
     letters = "".join(word for word in words if not word.isdigit() and word not in _NOISE)
-    number = next((int(word) for word in reversed(words) if word.isdigit()), 0)
+    number = next((int(word[:9]) for word in reversed(words) if word.isdecimal()), 0)
     if letters in ("lumbar", "thoracic"):
         return _of_vertebra(letters[0].upper(), number)[1]
     level = next((_LEVELS[word] for word in words if word in _LEVELS), 1.0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +25,9 @@ PLACE_SIGMA = 0.010
 
 PROPORTION_SIGMA = 0.08
 """Standard deviation of a segment's length over itself, from person to person of one height."""
+
+_ALIKE = 0.5
+"""Of two labels' letters, from 0 to 1: RELB and RELBOW_X have 0.67, RELB and LBHD 0.5."""
 
 OFF_CENTRE = 0.03
 """m from the head joint's centre: what lies nearer is the top of the neck, and does not move as the head turns."""
@@ -169,12 +173,26 @@ class MarkerSet:
         columns = self.match(labels)
         missing = [name for name in required if columns[self.index(name)] < 0]
         if missing:
-            raise HighFiveError(
-                f"marker set {self.name} needs {listed(missing)}; the recording has {listed(labels) or 'no labels'}; "
-                "choose another marker set or rename the labels"
-            )
+            raise HighFiveError(self._lacking(missing, labels))
         there = (columns >= 0) & valid[..., columns]
         return np.where(there[..., None], points[..., columns, :], 0.0), there
+
+    def _lacking(self, missing: Sequence[str], labels: Sequence[str]) -> str:
+        """What is missing and for what; the labels most like it first, which may be the same by another name."""
+        spelt = {label.lower(): label for label in labels if label not in self._known_as}
+        alike = [spelt[near] for name in missing for near in get_close_matches(name.lower(), spelt, n=3, cutoff=_ALIKE)]
+        first = list(dict.fromkeys(alike))
+        wanted = [f"{name} ({' and '.join(parts)})" if (parts := self._parts(name)) else name for name in missing]
+        there = listed([*first, *(label for label in labels if label not in first)]) or "no labels"
+        alias = f'aliases = ["{first[0]}"]' if first else "aliases"
+        return (
+            f"marker set {self.name} needs {listed(wanted)}; the recording has {there}; if one of these is "
+            f"{missing[0]}, give it as an alias in the set's TOML ({alias}), or choose another marker set"
+        )
+
+    def _parts(self, name: str) -> list[str]:
+        """Of the arm, or the head, that a marker gives."""
+        return [part for part in ("head", "shoulder", "elbow", "wrist", "hand") if name in getattr(self.arm, part)]
 
     def subset(self, names: Sequence[str]) -> MarkerSet:
         """The set with only the markers ``names``, in the set's order; they must hold those that the arm needs."""

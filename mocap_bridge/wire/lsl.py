@@ -253,6 +253,10 @@ def samples_of(order: Sequence[str], names: Sequence[str], points: Array, valid:
     return np.where(shown[:, None], points[columns] if len(points) else np.nan, np.nan).reshape(-1)
 
 
+_MOST_SETTINGS = 1 << 16
+"""Characters of the user's own settings: Python takes a reader's squared time for values of many lines."""
+
+
 def library_settings(text: str, local_only: bool) -> str:
     """Settings for liblsl: those of the user's own file ``text``, less noise, and on this machine alone if requested.
 
@@ -261,7 +265,7 @@ def library_settings(text: str, local_only: bool) -> str:
     settings = configparser.ConfigParser(strict=False, interpolation=None)
     settings.optionxform = str  # pyright: ignore[reportAttributeAccessIssue]  (names keep their capitals)
     try:
-        settings.read_string(text)
+        settings.read_string(text if len(text) <= _MOST_SETTINGS else "")
     except configparser.Error:
         settings.clear()
     for section in ("lab", "multicast", "log"):

@@ -65,6 +65,7 @@ def test_a_step_begins_at_rest_and_ends_at_one(omega: float, zeta: float) -> Non
     assert np.abs(near).max() < 1e-4
 
 
+@pytest.mark.slow
 @settings(max_examples=6)
 @given(st.floats(0.0, 0.02), st.floats(30.0, 80.0), st.floats(0.4, 1.3), st.integers(0, 99))
 def test_the_lag_comes_back_within_half_a_millisecond(delay: float, omega: float, zeta: float, seed: int) -> None:
@@ -75,6 +76,7 @@ def test_the_lag_comes_back_within_half_a_millisecond(delay: float, omega: float
     assert found.lag_at(0.01) == pytest.approx(found.lag, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_the_hold_of_a_command_is_no_lag_of_the_servo() -> None:
     """Told 60 or 240 times a second it is the same servo."""
     lags = []

@@ -121,6 +121,7 @@ class Rig:
         calibration: file that says by what it differs from its drawing, and where it stands; None for none.
         file: that it was read from; None for the arm's own.
         arm: its name on a command line, or its folder; '' for the one that comes along.
+        path: of the file that it was read from.
     """
 
     name: str
@@ -130,6 +131,7 @@ class Rig:
     calibration: Path | None = None
     file: Path | None = None
     arm: str = ""
+    path: Path = DEFAULT_RIG
 
     @property
     def reply_s(self) -> float:
@@ -202,7 +204,7 @@ def load_rig(path: str | Path | None = None, *, simulated: bool = False) -> Rig:
             required_registers(rig)
     except HighFiveError as error:
         raise HighFiveError(f"{path}: {error}") from None
-    return rig
+    return replace(rig, path=path)
 
 
 def _required(rig: Rig, joint: RigJoint, servo: int) -> dict[str, int]:

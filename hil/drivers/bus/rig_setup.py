@@ -6,14 +6,24 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from highfive.hil.drivers.bus.control_table import load_table
-from highfive.hil.drivers.bus.rig import COUNTS, SET_AT_START, Rig, required_registers
+from highfive.hil.drivers.bus.control_table import Register, load_table, to_si
+from highfive.hil.drivers.bus.rig import COUNTS, REVERSE, SET_AT_START, Rig, required_registers
 from highfive.hil.drivers.bus.servo_bus import DamagedAnswer, NoAnswer, ServoBus
 from highfive.model.errors import HighFiveError
 
 # The watchdog only counts, and can only be armed, while torque is on; the others are forgotten at every start.
 _SET_LATER = ("bus_watchdog", *SET_AT_START)
 _BY_WHICH_IT_IS_FOUND = ("id", "baud_rate")
+_WORDS = {
+    "operating_mode": {
+        0: "current", 1: "velocity", 3: "position", 4: "position over turns", 5: "position with a largest current",
+        16: "duty",
+    },
+    "drive_mode": {0: "not reversed", REVERSE: "reversed"},
+    "status_return_level": {0: "answers pings alone", 1: "answers reads", 2: "answers everything"},
+    "shadow_id": {255: "follows no other servo"},
+}  # fmt: skip
+"""What the numbers of a register without a unit stand for."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +35,7 @@ class Difference:
         joint: name.
         register: name.
         found, required: raw.
+        found_means, required_means: the same in units, or in words; '' for plain numbers.
     """
 
     servo: int
@@ -32,10 +43,34 @@ class Difference:
     register: str
     found: int
     required: int
+    found_means: str = ""
+    required_means: str = ""
 
     def __str__(self) -> str:
-        """As in ``servo 4 (elbow): return_delay_time is 250, not 0``."""
-        return f"servo {self.servo} ({self.joint}): {self.register} is {self.found}, not {self.required}"
+        """As in ``servo 4 (elbow): velocity_limit is 128 (3.07 rad/s), not 131 (3.14 rad/s)``."""
+        found, required = (
+            f"{raw} ({means})" if means else str(raw)
+            for raw, means in ((self.found, self.found_means), (self.required, self.required_means))
+        )
+        return f"servo {self.servo} ({self.joint}): {self.register} is {found}, not {required}"
+
+
+def meaning(register: Register, raw: int) -> str:
+    """What a raw value stands for, in units or in words; '' where it is a plain number."""
+    if register.name in _WORDS:
+        return _WORDS[register.name].get(raw, "")
+    value = to_si(register, raw)
+    match register.si:
+        case "":
+            return ""
+        case "rad":
+            return f"{math.degrees(value):.1f}°"
+        case "1":
+            return f"{100.0 * value:.0f} %"
+        case "s":
+            return f"{1e3 * value:.3g} ms"
+        case unit:
+            return f"{value:.3g} {unit}"
 
 
 def missing_servos(bus: ServoBus, rig: Rig) -> list[str]:
@@ -116,9 +151,11 @@ def shadow_gaps(bus: ServoBus, rig: Rig, most: float) -> list[str]:
         joint = joints[name]
         if abs(gap) * math.tau / COUNTS > most:
             lines.append(
-                f"{name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart, at most "
-                f"{int(most * COUNTS / math.tau)}: has a horn slipped? if not, write shadow_offset = "
-                f"{joint.shadow_offset + gap} into the rig's file, and {rig.command('configure', bus.path)}"
+                f"{name}: servos {joint.id} and {joint.shadow_id} stand {abs(gap)} counts apart "
+                f"({360.0 * abs(gap) / COUNTS:.1f}°), at most {int(most * COUNTS / math.tau)}: look at the horns "
+                "first: one that slipped is put right, not written down; if both sit as they should, write "
+                f"shadow_offset = {joint.shadow_offset + gap} into {rig.path} ([[joints]] of {name}), and "
+                f"{rig.command('configure', bus.path)}"
             )
         elif abs(gap * math.tau / COUNTS - joint.gap) > most:
             lines.append(
@@ -140,7 +177,9 @@ def differences(bus: ServoBus, rig: Rig) -> list[Difference]:
     for servo, joint in rig.servos.items():
         for name, value in required[servo].items():
             if name not in (*_SET_LATER, *_BY_WHICH_IT_IS_FOUND) and (holds := bus.read(servo, name)) != value:
-                found.append(Difference(servo, joint.name, name, holds, value))
+                register = bus.table(servo)[name]
+                words = meaning(register, holds), meaning(register, value)
+                found.append(Difference(servo, joint.name, name, holds, value, *words))
     return found
 
 

@@ -172,6 +172,7 @@ def test_a_joint_is_where_the_envelope_wants_it_although_it_gives_way(loop: ArmL
     assert np.abs(actual - reference).max() < 0.2 * np.abs(alone).max()
 
 
+@pytest.mark.slow
 def test_nothing_is_compiled_any_more_once_the_arm_is_ready() -> None:
     """With torque on nobody waits: the servos' watchdogs and the rule for late commands take a pause for a fault."""
     lines = (

@@ -185,10 +185,9 @@ def test_near_a_face_the_hand_is_met_gently(arm: ServoArm, retarget: Retarget) -
 
 def test_the_plan_slows_down_before_a_face_by_itself(arm: ServoArm, retarget: Retarget) -> None:
     """As the envelope would make it, which then has little left to do; who does not know of the face is too fast."""
-    settings, point = retarget.settings, cell_point("C2")
-    head = point + 0.25 * facing()
+    settings = retarget.settings
 
-    def excess(goals: list[PalmGoal]) -> float:
+    def excess(goals: list[PalmGoal], head: Array) -> float:
         most = 0.0
         for state in played(retarget, goals):
             plate = arm.plate_at(state.joints)
@@ -199,10 +198,13 @@ def test_the_plan_slows_down_before_a_face_by_itself(arm: ServoArm, retarget: Re
             most = max(most, speed - allowed)
         return most
 
-    goals = approach(point, 1.0)
-    knowing = excess([PalmGoal(goal.palm, goal.person, head, goal.contact) for goal in goals])
-    assert knowing < 0.12
-    assert excess(goals) > 3.0 * knowing, knowing
+    knowing, unknowing = list[float](), list[float]()
+    for cell in ("C2", "B2", "A1"):
+        head, goals = cell_point(cell) + 0.25 * facing(), approach(cell_point(cell), 1.0)
+        knowing.append(excess([PalmGoal(goal.palm, goal.person, head, goal.contact) for goal in goals], head))
+        unknowing.append(excess(goals, head))
+    assert max(knowing) < 0.12
+    assert np.median(unknowing) > 3.0 * np.median(knowing), (knowing, unknowing)
 
 
 def test_a_head_is_gone_round(arm: ServoArm, retarget: Retarget) -> None:

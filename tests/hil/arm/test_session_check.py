@@ -67,19 +67,10 @@ def test_an_arm_as_it_was_calibrated_passes(calibration: tuple[Path, ArmCalibrat
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "truth",
-    [
-        pytest.param(replace(TRUTH, base=TRUTH.base + np.array([0.0, 0.003, 0.0])), id="base moved by 3 mm"),
-        pytest.param(replace(TRUTH, base_turn=TRUTH.base_turn - np.array([0.0, 0.0, 0.0053])), id="turned by 0.3°"),
-        pytest.param(slipped(1, 0.5), id="shoulder slipped by 0.5°"),
-    ],
-)
-def test_an_arm_that_was_bumped_or_slipped_is_refused(
-    calibration: tuple[Path, ArmCalibration], truth: HiddenTruth
-) -> None:
+def test_an_arm_that_slipped_is_refused(calibration: tuple[Path, ArmCalibration]) -> None:
+    """By what a shoulder's horn leaves; a base that was moved or turned: ``tests/calibration/test_pose_check.py``."""
     with pytest.raises(HighFiveError, match=r"nothing moves any more: the plate is .* extrinsics again"):
-        checked(calibration, truth)
+        checked(calibration, slipped(1, 0.5))
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from highfive.hil.safety.limits_file import lowered
-from highfive.hil.safety.people import STRAIGHT, Human, allowed_speed
+from highfive.hil.safety.people import ALONE, STRAIGHT, Human, Points, Remembered, allowed_speed, monitor_separation
 from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import State
 from highfive.model.geometry.rotations import Array
@@ -159,6 +159,22 @@ def test_the_plate_is_slow_in_the_face_zone(offset: tuple[float, float, float]) 
     assert speeds[inside].max() <= LIMITS.face.speed
     assert speeds[~inside].max() > LIMITS.face.speed
     assert any(Rule.FACE_ZONE in report.acted for report in loop.reports)
+
+
+@pytest.mark.parametrize("near", [True, False, None])
+def test_joints_that_cancel_each_other_are_slow_near_a_head_or_an_unseen_person(near: bool | None) -> None:
+    """The plate would stand if the servos followed in step, which they do not."""
+    places, jacobians = kinematics(READY_POSE)
+    still = np.linalg.svd(jacobians[0])[2][-1]
+    still /= np.linalg.norm(jacobians[0] * still, axis=0).max()  # m/s, of the joint that moves the plate most
+    human = Human(places[0] + (0.1 if near else 2.0), FAR.palm, np.zeros(3), 0)
+    seen = Remembered(human.head, np.zeros(3), 0, np.array([1.0, 0.0, 0.0]))
+    only = Points(places[:1], jacobians[:1], places[:1])
+    kept, _, acted = monitor_separation(LIMITS, seen, None if near is None else human, only, still, SECONDS)
+    alone = np.linalg.norm(jacobians[0] * kept, axis=0).max()
+    assert np.linalg.norm(jacobians[0] @ kept) < 1e-9
+    assert alone == pytest.approx(1.0 if near is False else ALONE * STRAIGHT * LIMITS.face.speed)
+    assert acted == ({Rule.UNSEEN_PERSON} if near is None else {Rule.FACE_ZONE} if near else set())
 
 
 def test_it_slows_down_before_the_zone_and_not_in_it() -> None:

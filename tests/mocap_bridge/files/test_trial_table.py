@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from highfive.mocap_bridge.files.trial_table import HOLD_OUT, TrialRow, read_table, with_held_out
+from highfive.mocap_bridge.files.trial_table import HOLD_OUT, TrialRow, read_table, read_without_contact, with_held_out
 from highfive.model.errors import HighFiveError
 
 
@@ -65,3 +65,18 @@ def test_a_set_without_emotions_has_one(tmp_path: Path) -> None:
     assert said == ["trials.csv names no emotion: all trials count as neutral"]
     with pytest.raises(HighFiveError, match="line 3: a trial needs a file and an emotion"):
         table(tmp_path, "file,emotion,split\na,sad,train\nb,,test\n")
+
+
+def test_trials_without_a_contact_are_no_high_fives_and_need_no_emotion(tmp_path: Path) -> None:
+    rows = table(tmp_path, "file,emotion,split,contact\na,sad,test,yes\nb,sad,train,1\nc,,,\nd,,test,No\n")
+    assert [row.file for row in rows] == ["a", "b"]
+    assert [(row.file, row.test) for row in read_without_contact(tmp_path)] == [("c", False), ("d", True)]
+    table(tmp_path, "file,emotion,split\na,sad,test\n")
+    assert not read_without_contact(tmp_path)
+
+
+def test_a_table_of_no_high_five_and_another_word_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(HighFiveError, match="lists no trial with a contact"):
+        table(tmp_path, "file,emotion,split,contact\na,sad,test,\n")
+    with pytest.raises(HighFiveError, match="line 2: contact is 'maybe'; expected yes, no or nothing"):
+        table(tmp_path, "file,emotion,split,contact\na,sad,test,maybe\n")

@@ -104,8 +104,13 @@ def test_labels_are_found_by_name_in_any_order_and_by_alias():
 def test_missing_markers_are_named():
     paper = load_marker_set("paper")
     nothing = np.zeros((1, 2, 3))
-    with pytest.raises(HighFiveError, match=r"needs RFIN; the recording has RWRA, RWRB"):
+    with pytest.raises(HighFiveError, match=r"needs RFIN \(hand\); the recording has RWRA, RWRB"):
         paper.arrange(["RWRA", "RWRB"], nothing, np.ones((1, 2), dtype=bool), required=("RFIN", "RWRA"))
+    labels = [f"T{m}" for m in range(20)] + ["LELB_1", "RELB_1"]
+    with pytest.raises(HighFiveError) as said:
+        paper.arrange(labels, np.zeros((1, 22, 3)), np.ones((1, 22), dtype=bool), required=("RELB",))
+    assert "needs RELB (elbow); the recording has RELB_1, LELB_1, T0, " in str(said.value)
+    assert """RELB, give it as an alias in the set's TOML (aliases = ["RELB_1"])""" in str(said.value)
     _, valid = paper.arrange(["RWRA", "RWRB"], nothing, np.ones((1, 2), dtype=bool))
     assert valid.sum() == 2
 

@@ -10,7 +10,7 @@ from test_servo_bus import works
 from virtual_servos import VirtualServos
 
 from highfive.hil.drivers.bus.joint_bus import JointBus
-from highfive.hil.drivers.bus.rig import COUNTS, PROFILE, Rig, count
+from highfive.hil.drivers.bus.rig import COUNTS, DEFAULT_RIG, PROFILE, Rig, count
 from highfive.hil.drivers.bus.rig_setup import configure, differences, missing_servos, read_back, shadow_gaps
 from highfive.hil.drivers.bus.servo_bus import NoAnswer, ServoBus
 from highfive.hil.drivers.values import JointCommand
@@ -258,7 +258,7 @@ def test_settings_are_compared_and_written(bus: ServoBus, rig: Rig) -> None:
     bus.write(8, "return_delay_time", 250)
     found = differences(bus, rig)
     assert {(one.servo, one.register) for one in found} == {(2, "drive_mode"), (8, "return_delay_time")}
-    assert "servo 8 (wrist_rotate): return_delay_time is 250, not 0" in map(str, found)
+    assert "servo 8 (wrist_rotate): return_delay_time is 250 (0.5 ms), not 0 (0 ms)" in map(str, found)
     configure(bus, rig, found)
     assert differences(bus, rig) == []
     bus.write(1, "torque_enable", 1)
@@ -306,7 +306,11 @@ def test_an_offset_of_the_second_servo_is_found_set_and_gone(bus: ServoBus, rig:
     servos.until(lambda: shadow_gaps(bus, rig, most) != [])
     (line,) = shadow_gaps(bus, rig, most)
     proposed = re.search(r"shadow_offset = (-?\d+)", line)
-    assert "elbow: servos 4 and 5 stand 68 counts apart" in line and proposed is not None
+    assert (
+        "elbow: servos 4 and 5 stand 68 counts apart (6.0°), at most 8: look at the horns first" in line
+        and proposed is not None
+    )
+    assert f"into {DEFAULT_RIG} ([[joints]] of elbow)" in line
     own = [replace(joint, shadow_offset=int(proposed[1])) if joint.id == 4 else joint for joint in rig.joints]
     offset = replace(rig, joints=tuple(own))
     configure(bus, offset, differences(bus, offset))

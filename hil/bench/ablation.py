@@ -15,7 +15,7 @@ from highfive.hil.evaluation.cross_validation import body, scorable
 from highfive.hil.evaluation.score_table import metric_named
 from highfive.hil.evaluation.training_progress import training_bars
 from highfive.hil.runtime.console import STDOUT
-from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.avatar import avatar_arm, avatar_skeleton
 from highfive.model.evaluation import scores as evaluation
 from highfive.model.evaluation.predictions import online
 from highfive.model.evaluation.splits import own_split
@@ -67,6 +67,7 @@ def departures() -> list[Departure]:
         "DTC without trace term": ("variational",),
         "one noise for all channels of the pose": ("channel_noise",),
         "dynamics with a mean of zero": ("velocity_decay",),
+        "the hierarchy alone": ("pooled",),
     }
     rows = [Departure("default", DEFAULT), Departure("X¹ from I alone", DEFAULT, through_interaction)]
     for name, fields in like_paper.items():
@@ -87,7 +88,8 @@ def ablate(data: Path, inducing: int, seed: int, bar: Bar) -> dict[str, Any]:
     rows: dict[str, dict[str, float]] = {}
     for row in departures():
         step = training_bars(bar, f"{row.name}, ")
-        model = training.train(fold.trials, row.preset, None, inducing, seed, avatar_skeleton().hash, step)
+        skeleton, chain = avatar_skeleton().hash, avatar_arm()
+        model = training.train(fold.trials, row.preset, None, inducing, seed, skeleton, step, chain=chain)
         method = online(row.after(model), body())
         answers = [method(trial) for trial in held_out]
         scores = evaluation.score(held_out, answers, evaluation.held_out(held_out, answers, body()), body())

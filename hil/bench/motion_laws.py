@@ -194,12 +194,13 @@ def _closing_speed(
 
     Each cycle counts along the line as its tick knew it: from where the servos were said to be then to where the palm
     was believed to be. What the hand is faster than the limit by itself does not count, nor what rounding of the goals
-    may have added at the most. 0 where they never were near.
+    may have added at the most, nor what a cycle that led to outside ``near`` had left to brake away until there.
+    0 where they never were near.
 
     Args:
         person: as the ticks knew her.
         arm: the arm's kinematics.
-        limits: ``near``, ``touching`` and ``speed``.
+        limits: ``near``, ``touching``, ``speed`` and ``braking``.
         times, told: (C,) s, of the cycles, and of the ticks whose goals they sent.
         plates: (C, 3) m, where the goals put the plate.
         reach: (C, 3, J) m, by which rounding moves it, whichever way.
@@ -211,6 +212,9 @@ def _closing_speed(
     step = np.diff(times)
     hand = -np.einsum("ti,ti->t", velocities[1:], lines)
     nearer = np.einsum("ti,ti->t", np.diff(plates, axis=0), lines) + np.minimum(hand, limits.speed) * step
+    nearest = np.minimum(distance, np.linalg.norm(palms - plates, axis=1))
+    left = np.maximum(nearest[1:] - limits.near, 0.0)
+    nearer -= (np.sqrt(limits.speed**2 + 2.0 * limits.braking * left) - limits.speed) * step
     summed = np.convolve(nearer, np.ones(CYCLES), "valid")
     weights = np.zeros((CYCLES + 1, len(summed), 3))  # with which the places of a window count in its sum
     for number in range(CYCLES):
@@ -222,9 +226,8 @@ def _closing_speed(
         for number, weight in enumerate(weights)
     )
     spans = np.maximum(times[CYCLES:] - times[:-CYCLES], told[CYCLES:] - told[:-CYCLES])
-    nearest = np.minimum(distance, np.linalg.norm(palms - plates, axis=1))[CYCLES:]
     apart_enough = np.lib.stride_tricks.sliding_window_view(distance[1:], CYCLES).min(axis=1) >= limits.touching
-    near = np.isfinite(summed) & (nearest <= limits.near) & apart_enough
+    near = np.isfinite(summed) & (nearest[CYCLES:] <= limits.near) & apart_enough
     return float(((summed - rounding) / spans)[near].max(initial=0.0))
 
 

@@ -22,7 +22,7 @@ from highfive.hil.bench.synthetic_trials import RATE, made_up_trials
 from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.model.errors import HighFiveError
 from highfive.model.gp.optimise import Progress
-from highfive.model.hgpdm.dataset import training_set
+from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS, training_set
 from highfive.model.hgpdm.hierarchy import objective, problem
 from highfive.model.hgpdm.initial import initial_parameters
 from highfive.model.hgpdm.presets import Preset, preset_named
@@ -68,11 +68,13 @@ def bench_model(options: BenchOptions, bar: Bar) -> dict[str, Any]:
     with _peer(options) as (peer, evaluate_peer):
         advance = bar("objective and gradient", options.repeats)
         evaluate = _evaluation(trials, preset, options)
-        own, others = [], []
+        own, others, alls = [], [], []
         for _ in range(options.repeats):
             own.append(_seconds(evaluate))
             if peer is not None:
-                others.append(evaluate_peer())
+                others.append(evaluate_peer(""))
+                if peer["all"]:
+                    alls.append(evaluate_peer("all"))
             advance()
     result: dict[str, Any] = {
         "preset": preset.name,
@@ -84,6 +86,7 @@ def bench_model(options: BenchOptions, bar: Bar) -> dict[str, Any]:
         "objective_gradient_s": float(np.median(own)),
         "peer": peer,
         "peer_objective_gradient_s": float(np.median(others)) if others else None,
+        "peer_all_layers_s": float(np.median(alls)) if alls else None,
     }
     if peer is None:
         result["peer_advice"] = ADVICE
@@ -163,10 +166,19 @@ def _steps(model: HGPDM, trials: list[Trial], steps: int, bar: Bar) -> dict[str,
     return {"p50": float(p50), "p99": float(p99)}
 
 
+def _layers(preset: Preset, joints: int) -> list[tuple[int, int]]:
+    """Dimensions of the inputs and channels of the model's four layers: avatar, human, interaction and dynamics."""
+    q, below = preset.interaction_dims, preset.avatar_dims + preset.human_dims
+    return [(preset.avatar_dims, joints + AUXILIARY), (preset.human_dims, HAND_DIMS), (q, below), (2 * q, q)]
+
+
 @contextmanager
-def _peer(options: BenchOptions) -> Iterator[tuple[dict[str, str] | None, Callable[[], float]]]:
-    """Name and version of the peer, or None, and a function that has it evaluate once and gives the seconds."""
-    sizes = (options.points, options.channels, options.inducing, options.seed)
+def _peer(options: BenchOptions) -> Iterator[tuple[dict[str, Any] | None, Callable[[str], float]]]:
+    """Name and version of the peer, or None, and a function that has it evaluate one layer ('') or ``all`` once, and
+    gives the seconds.
+    """
+    layers = _layers(preset_named(options.preset), options.channels)
+    sizes = (options.points, options.channels, options.inducing, options.seed, json.dumps(layers))
     command = [str(options.peer_python), str(Path(peers.__file__)), *map(str, sizes)]
     try:
         process = subprocess.Popen(
@@ -178,8 +190,8 @@ def _peer(options: BenchOptions) -> Iterator[tuple[dict[str, str] | None, Callab
     with process:
         requests, answers = process.stdin, process.stdout
 
-        def evaluate() -> float:
-            requests.write("\n")
+        def evaluate(what: str) -> float:
+            requests.write(f"{what}\n")
             requests.flush()
             return float(answers.readline())
 
@@ -199,6 +211,9 @@ def print_bench(result: dict[str, Any]) -> None:
     else:
         label = f"the same, one layer of {peer['name']} {peer['version']}"
         print(f"  {label:<37}{result['peer_objective_gradient_s']:.3f} s")
+        if (every := result["peer_all_layers_s"]) is not None:
+            label = f"four layers of {peer['name']}, in one"
+            print(f"  {label:<37}{every:.3f} s")
     for row in result["by_points"]:
         per_point = 1e6 * row["s_per_point"]
         print(f"    {row['points']:>6} points  {row['objective_gradient_s']:8.3f} s  {per_point:6.1f} µs per point")

@@ -290,6 +290,20 @@ def bench_studies(
     _run(json, lambda bar: bench.studies(studies, people, first, bar))
 
 
+@app.command("fuzz")
+def bench_fuzz(
+    reader: Annotated[list[str] | None, typer.Option(help="Only this reader; may be given again.")] = None,
+    inputs: Annotated[int, typer.Option(min=1, help="For each reader.")] = 1000,
+    first: Annotated[int, typer.Option(min=0, help="Number of the first: with --inputs 1 one is read again.")] = 0,
+    jobs: Annotated[int, typer.Option(min=1, max=64, help="Processes.")] = 1,
+    out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep inputs here that did what none may.")] = None,
+    seed: Seed = 0,
+    json: Json = False,
+) -> None:
+    """Give every reader damaged files and messages: a value or one line, never a traceback, a hang or an escape."""
+    _run(json, lambda bar: bench.fuzz(reader, inputs, first, jobs, out, seed, bar))
+
+
 @app.command("locked")
 def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
@@ -297,3 +311,12 @@ def bench_locked(
 ) -> None:
     """Play high fives of people on whom nothing was ever chosen: how far is the played palm from the true one?"""
     _run(json, lambda bar: bench.locked(model, bar))
+
+
+@app.command("start")
+def bench_start(
+    repeats: Annotated[int, typer.Option(min=1, max=99, help="Runs of each command.")] = 3,
+    json: Json = False,
+) -> None:
+    """Time each command's help, the first frame and the first high five; memory, imports, installed megabytes."""
+    _run(json, lambda bar: bench.start(repeats, bar))

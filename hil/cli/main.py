@@ -6,7 +6,7 @@ import math
 import os
 import sys
 from pathlib import Path
-from typing import Annotated, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.exceptions import TyperException
@@ -200,14 +200,36 @@ def simulate(
         print_json(summary)
     else:
         print_session(summary, folder)
-    replayed = summary["replayed"]
-    other = replayed is not None and replayed["same"] < replayed["ticks"]
-    if (
-        summary["interrupted"]
-        or summary["unrecorded"]
-        or other
-        or any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"])
-    ):
+    if _failed(summary):
+        raise typer.Exit(1)
+
+
+@app.command()
+def demo(
+    out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/session-1, -2, …).")] = None,
+    no_open: NoOpen = False,
+    overwrite: Overwrite = False,
+    json: Json = False,
+) -> None:
+    """High fives in the browser at once; meanwhile a session is played: report, film and recording."""
+    from highfive.hil.commands.demo import page_beside  # noqa: PLC0415
+    from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
+
+    folder = out or next_folder("session")
+    page = STDERR.is_terminal and not (no_open or json)  # where nobody looks on it ends by itself
+    with page_beside(folder, overwrite, page):
+        # Imported for seconds, in which the page comes up.
+        from highfive.hil.commands.session_lines import print_session  # noqa: PLC0415
+        from highfive.hil.commands.simulate import simulate  # noqa: PLC0415
+        from highfive.hil.commands.simulate_options import SimulateOptions  # noqa: PLC0415
+
+        with progress_bars() as bar:
+            summary = simulate(SimulateOptions(overwrite=overwrite), folder, bar)
+        if json:
+            print_json(summary)
+        else:
+            print_session(summary, folder)
+    if _failed(summary):
         raise typer.Exit(1)
 
 
@@ -238,6 +260,14 @@ def doctor(json: Json = False) -> None:
     print_result(result, json, print_findings)
     if not result["ready"]:
         raise typer.Exit(1)
+
+
+def _failed(summary: dict[str, Any]) -> bool:
+    """Whether a session ended early, is not recorded, was played again otherwise, or missed a hand within reach."""
+    replayed = summary["replayed"]
+    other = replayed is not None and replayed["same"] < replayed["ticks"]
+    missed = any(not (row["met"] or row["out_of_reach"]) for row in summary["rows"])
+    return bool(summary["interrupted"] or summary["unrecorded"] or other or missed)
 
 
 def _style(text: str) -> dict[str, float]:
@@ -276,7 +306,8 @@ def _run() -> NoReturn:
     except TyperException as error:
         if not (message := error.format_message()):  # the help has been shown instead
             sys.exit(2)
-        _fail(f"{message} (see highfive --help)")
+        ports = "highfive rig scan lists ports; " if message.startswith("Missing argument 'PORT'") else ""
+        _fail(f"{message} ({ports}see highfive --help)")
     except HighFiveError as error:
         _fail(str(error))
     except (KeyboardInterrupt, Interrupted, typer.Abort) as error:

@@ -58,8 +58,28 @@ def train(
     restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
     iterations: Annotated[int | None, typer.Option(min=1, help="Steps of training (default: the preset's).")] = None,
     whole_arm: Annotated[
-        bool, typer.Option("--whole-arm", help="Elbow, shoulder and head, too, tell where and when palms meet.")
+        bool | None,
+        typer.Option(
+            "--whole-arm/--hand-alone",
+            help="Elbow, shoulder and head, too, tell where and when palms meet (default: if all trials have them).",
+        ),
+    ] = None,
+    no_distractors: Annotated[
+        bool,
+        typer.Option("--no-distractors", help="Simulate no waves, stretches and the like as what is no high five."),
     ] = False,
+    start: Annotated[
+        str | None,
+        typer.Option("--from", metavar="MODEL", help="Adapt a model's file, or the shipped one (default), instead."),
+    ] = None,
+    hosts: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT,HOST,…", help="Train on several hosts; auto: a scheduler (SLURM) says which."),
+    ] = None,
+    process_id: Annotated[int | None, typer.Option(min=0, help="Which of --hosts this is, from 0.")] = None,
+    memory: Annotated[
+        float | None, typer.Option(min=0.1, help="GB that training may take (default: what is free).")
+    ] = None,
     overwrite: OverwriteFile = False,
     json: Json = False,
 ) -> None:
@@ -80,6 +100,11 @@ def train(
         restarts,
         iterations,
         whole_arm,
+        not no_distractors,
+        start,
+        tuple(hosts.split(",")) if hosts else (),
+        process_id,
+        memory,
     )
     with progress_bars() as bar:
         try:
@@ -107,9 +132,27 @@ def evaluate(
     out: Annotated[
         Path | None, typer.Option(help="Folder for a report with figures; trainings are kept there and used again.")
     ] = None,
+    no_false_starts: Annotated[
+        bool, typer.Option("--no-false-starts", help="With a model: play no gestures that are no high five (minutes).")
+    ] = False,
     locked: Annotated[
         bool, typer.Option("--locked", help="Judge on simulated people on whom nothing was ever chosen.")
     ] = False,
+    learning_curve: Annotated[
+        str | None,
+        typer.Option(metavar="N,N,…", help="Learn from so many trials a style, as 3,5,10,20,40: errors over trials."),
+    ] = None,
+    start: Annotated[
+        str | None,
+        typer.Option("--from", metavar="MODEL", help="Score a model adapted to the trials, too; default: the shipped."),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="Trainings at the same time, each in a process of its own.")] = 1,
+    models_folder: Annotated[
+        Path | None,
+        typer.Option(
+            "--models", help="Folder of trainings (default: OUT/models); hosts with the same one share them out."
+        ),
+    ] = None,
     also: Annotated[
         list[str] | None,
         typer.Option(metavar="FILE.py:FUNCTION", help="A model of your own beside them (docs/extending.md)."),
@@ -122,7 +165,12 @@ def evaluate(
     json: Json = False,
 ) -> None:
     """Score the model beside mean pose, ridge regression, nearest neighbours and a plain sparse GP."""
-    from highfive.hil.commands.evaluate import MODELS, EvaluateOptions, evaluate, print_scores  # noqa: PLC0415
+    from highfive.hil.commands.evaluate import (  # noqa: PLC0415
+        EvaluateOptions,
+        after_interruption,
+        evaluate,
+        print_scores,
+    )
 
     # What is not there is what its ending says, and whoever reads it says that it is missing.
     files, models, data = [], [], []
@@ -147,18 +195,33 @@ def evaluate(
         overwrite=overwrite,
         also=tuple(also or ()),
         locked=locked,
+        gestures=not no_false_starts,
+        learning_curve=_counts(learning_curve),
+        start=start,
+        jobs=jobs,
+        models=models_folder,
     )
     with progress_bars() as bar:
         try:
             result = evaluate(options, bar)
         except KeyboardInterrupt:
-            raise Interrupted(f"; the same command goes on from {out / MODELS}" if out else "") from None
+            raise Interrupted(after_interruption(options)) from None
     if json:
         print_json(result)
     else:
         print_scores(result)
         if out is not None:
             print(f"Open {result['report']}")
+
+
+def _counts(text: str | None) -> tuple[int, ...]:
+    """Numbers of trials, from what was typed."""
+    if text is None:
+        return ()
+    try:
+        return tuple(int(word) for word in text.split(","))
+    except ValueError:
+        raise HighFiveError(f"--learning-curve {text}: expected numbers of trials, as 3,5,10,20,40") from None
 
 
 @app.command()

@@ -115,15 +115,19 @@ def draft(
 def scan(
     ports: Annotated[list[str] | None, typer.Argument(metavar="PORT…", help="Ports (default: all there are).")] = None,
     all_ids: Annotated[bool, typer.Option("--all", help="Ask for all 253 IDs, not 1 to 20.")] = False,
+    file: RigFile = None,
+    arm: ArmName = DEFAULT_NAME,
     json: Json = False,
 ) -> None:
-    """List serial ports and the servos that answer there. Nothing moves."""
+    """List serial ports and the servos that answer there. Nothing moves; exit code 1 if some of the arm's do not."""
     from highfive.hil.commands.rig.service import EVERY_ID, PROBED_IDS, ScanOptions, print_scan, scan  # noqa: PLC0415
 
-    options = ScanOptions(tuple(ports or ()), ids=EVERY_ID if all_ids else PROBED_IDS)
+    options = ScanOptions(tuple(ports or ()), ids=EVERY_ID if all_ids else PROBED_IDS, rig=file, arm=arm)
     with progress_bars() as bar:
         result = scan(options, bar)
     print_result(result, json, print_scan)
+    if any(row["missing"] for row in result["ports"]):
+        raise typer.Exit(1)
 
 
 @app.command()
@@ -171,7 +175,10 @@ def configure(
 
 @app.command()
 def reach(
-    picture: Annotated[Path, typer.Option(metavar="FILE.png", help="Where to draw the map.")] = Path("reach.png"),
+    picture: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Where to draw the map (default: out/reach-1/reach.png, -2, …)."),
+    ] = None,
     overwrite: OverwriteFile = False,
     quick: Annotated[bool, typer.Option("--quick", help="Only the mount as it is; no search.")] = False,
     arm: ArmName = DEFAULT_NAME,
@@ -179,10 +186,12 @@ def reach(
 ) -> None:
     """Show which cells the mounted arm reaches and how fast, and search for the best mount. Nothing moves."""
     from highfive.hil.commands.rig.reach import print_rig_reach, rig_reach  # noqa: PLC0415
+    from highfive.hil.runtime.folders import next_folder  # noqa: PLC0415
 
+    drawn = picture or next_folder("reach") / "reach.png"
     with progress_bars() as bar:
-        result = rig_reach(picture, quick, bar, overwrite=overwrite, arm=arm)
-    print_result(result | {"picture": str(picture)}, json, print_rig_reach)
+        result = rig_reach(drawn, quick, bar, overwrite=overwrite, arm=arm)
+    print_result(result, json, print_rig_reach)
 
 
 @app.command(cls=ArmCommand)
@@ -230,11 +239,12 @@ def play(
     folder = out or next_folder("play")
     with progress_bars() as bar:
         summary = play(options, folder, bar)
-    print_result(summary, json, lambda found: print_played(found, folder))
-    if summary["stopped"]:
+    if summary["stopped"]:  # first, for it matters most
         say_aside(f"the arm was stopped: {summary['stopped']}")
         if summary["remedy"]:
             say_aside(summary["remedy"])
+    print_result(summary, json, lambda found: print_played(found, folder))
+    if summary["stopped"]:
         if summary["from"] is not None:
             say_aside(f"go on with the same command, --from {summary['from'] + 1} and another --out")
         raise typer.Exit(1)

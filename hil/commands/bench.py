@@ -204,9 +204,25 @@ def studies(count: int, people: int, first: int, bar: Bar) -> Measured:
     return Measured(bench_studies(StudiesOptions(count, people, first), bar), print_studies)
 
 
+def fuzz(
+    readers: Sequence[str] | None, inputs: int, first: int, jobs: int, out: Path | None, seed: int, bar: Bar
+) -> Measured:
+    """Damaged inputs for every reader; see :mod:`highfive.hil.bench.fuzz`."""
+    from highfive.hil.bench.fuzz import FuzzOptions, bench_fuzz, print_fuzz
+
+    return Measured(bench_fuzz(FuzzOptions(tuple(readers or ()), inputs, seed, first, jobs, out), bar), print_fuzz)
+
+
 def locked(file: Path | None, bar: Bar) -> Measured:
     """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked
     from highfive.model import DEFAULT_MODEL
 
     return Measured(bench_locked(file or DEFAULT_MODEL, bar), print_locked)
+
+
+def start(repeats: int, bar: Bar) -> Measured:
+    """What starting costs; see :mod:`highfive.hil.bench.start`."""
+    from highfive.hil.bench.start import StartOptions, bench_start, print_start
+
+    return Measured(bench_start(StartOptions(repeats), bar), print_start)

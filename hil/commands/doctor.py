@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from highfive.hil.runtime.console import counted
+from highfive.model.errors import HighFiveError
 from highfive.model.plugins import PluginError, fault
 
 GOOD, MISSING, BROKEN = "good", "missing", "broken"
@@ -63,6 +64,7 @@ def examine() -> list[Finding]:
         ("motion capture", "plug-ins", _plugins),
         ("motion capture", "ports", _ports),
         ("motion capture", "LSL", _lsl),
+        ("motion capture", "webcam", _webcam),
         ("servo arm", "serial", _serial),
     ]
     findings: list[Finding] = []
@@ -87,15 +89,15 @@ def ready(findings: list[Finding]) -> bool:
 
 def print_findings(result: Mapping[str, Any]) -> None:
     """The findings for people, under their headings."""
-    group = ""
+    group, width = "", max(len(row["name"]) for row in result["findings"]) + 2
     for row in result["findings"]:
         if row["group"] != group:
             group = row["group"]
             print(group)
         mark = {GOOD: "  ", MISSING: "– ", BROKEN: "! "}[row["state"]]
-        print(f"  {mark}{row['name']:<20}{row['found']}")
+        print(f"  {mark}{row['name']:<{width}}{row['found']}")
         if row["advice"]:
-            print(f"      {'':<18}→ {row['advice']}")
+            print(f"    {'':<{width}}→ {row['advice']}")
     todo = sum(bool(row["advice"]) for row in result["findings"])
     works = "A simulated session works here" if result["ready"] else "A simulated session does NOT work here"
     print(f"{works}; {counted(todo, 'piece')} of advice above." if todo else f"{works}.")
@@ -241,6 +243,20 @@ def _lsl() -> Finding:
     import pylsl  # noqa: PLC0415
 
     return Finding("motion capture", "LSL library", GOOD, f"liblsl {pylsl.library_version() / 100:.2f}")
+
+
+def _webcam() -> Finding:
+    from highfive.hil.view.webcam_files import HOW, net_files, net_folder  # noqa: PLC0415
+
+    try:
+        folder = net_folder()
+    except HighFiveError:
+        return Finding("motion capture", "webcam's nets", MISSING, "not installed; --source webcam needs them", HOW)
+    try:
+        size = sum(len(file.plain) for file in net_files().values())
+    except HighFiveError as error:
+        return Finding("motion capture", "webcam's nets", BROKEN, str(error), HOW)
+    return Finding("motion capture", "webcam's nets", GOOD, f"{size / 1e6:.0f} MB in {folder}")
 
 
 def _serial() -> list[Finding]:

@@ -11,16 +11,20 @@ from typing import Any
 
 import numpy as np
 
+from highfive.hil.commands.train import model_to_adapt
 from highfive.hil.datasets.training_data import load_trials
 from highfive.hil.evaluation.cross_validation import Run, run_protocol, trainings
+from highfive.hil.evaluation.curves import learning_curve
 from highfive.hil.evaluation.model_cache import fit_windows, is_kept
 from highfive.hil.evaluation.reaction_models import learner
 from highfive.hil.evaluation.score_table import Scored
+from highfive.hil.evaluation.shared_work import Training, in_processes
 from highfive.hil.evaluation.training_progress import TrainingCount
 from highfive.hil.report.terminal_tables import print_scores  # noqa: F401 (for the command line)
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.trials.false_starts import false_starts
 from highfive.hil.trials.locked_recordings import write_locked
 from highfive.hil.trials.locked_set import NUMBER
 from highfive.mocap_bridge.files.trial_table import read_table
@@ -29,7 +33,10 @@ from highfive.model.evaluation import baselines
 from highfive.model.evaluation import forecast_errors as horizons
 from highfive.model.evaluation import nuisi_windows as windows
 from highfive.model.evaluation import scores as evaluation
-from highfive.model.evaluation.splits import leave_out, left_out_in_turn, own_split
+from highfive.model.evaluation.learning_curve import draws
+from highfive.model.evaluation.mixture_reach import MixtureReach, mixture_forecasts
+from highfive.model.evaluation.splits import Fold, leave_out, left_out_in_turn, own_split
+from highfive.model.files import UNFINISHED
 from highfive.model.gp.optimise import ProgressCallback
 from highfive.model.hgpdm.presets import Preset, preset_named
 from highfive.model.hgpdm.store import load_model
@@ -58,6 +65,16 @@ class EvaluateOptions:
     overwrite: bool = False
     also: tuple[str, ...] = ()
     locked: bool = False
+    gestures: bool = True
+    learning_curve: tuple[int, ...] = ()
+    start: str | None = None
+    jobs: int = 1
+    models: Path | None = None
+
+    @property
+    def kept(self) -> Path | None:
+        """The folder in which trainings are kept, if any."""
+        return self.models or (None if self.out is None else self.out / MODELS)
 
 
 def evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
@@ -80,8 +97,9 @@ def _evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
     if options.locked and (options.windows is not None or options.leave_out is not None):
         word = "a windows file" if options.windows is not None else "--leave-out"
         raise HighFiveError(f"--locked brings its own people to judge on, and so does {word}; leave one of them out")
+    _check_curve(options)
     preset = preset_named(options.preset)
-    kept = None if options.out is None else options.out / MODELS
+    kept = options.kept
     if options.windows is not None:
         if options.model is not None or options.leave_out is not None:
             word = "the model" if options.model is not None else "--leave-out"
@@ -93,6 +111,31 @@ def _evaluate(options: EvaluateOptions, bar: Bar) -> dict[str, Any]:
         raise HighFiveError("--leave-out trains models of its own; leave the model out")
     assert options.data is not None
     return _on_trials(options.data, preset, options, kept, bar)
+
+
+def _check_curve(options: EvaluateOptions) -> None:
+    """Raises :class:`HighFiveError` where a learning curve, or a model to adapt, does not go with the rest."""
+    if options.learning_curve and min(options.learning_curve) < 1:
+        raise HighFiveError(f"--learning-curve {min(options.learning_curve)}; at least one trial a style is needed")
+    if options.learning_curve and (options.model is not None or options.leave_out is not None):
+        word = "the model" if options.model is not None else "--leave-out"
+        raise HighFiveError(f"--learning-curve trains models on parts of the training trials; leave {word} out")
+    if options.jobs > 1 and options.kept is None:
+        raise HighFiveError("--jobs needs a folder of trainings that the processes share; give --out or --models")
+    if (options.jobs > 1 or options.models is not None) and options.windows is not None:
+        raise HighFiveError("--jobs and --models share out trainings of a data folder, not of a windows file")
+    if options.start is not None and (options.model is not None or options.windows is not None):
+        word = "a windows file" if options.windows is not None else "a model that is trained already"
+        raise HighFiveError(f"--from adapts a model to trials of a data folder, not to {word}")
+
+
+def after_interruption(options: EvaluateOptions) -> str:
+    """How an interrupted evaluation goes on."""
+    if options.kept is None:
+        return ""
+    found = options.kept.iterdir() if options.kept.is_dir() else ()
+    there = any(is_kept(path) and not path.name.startswith(UNFINISHED) for path in found)
+    return f"; the same command goes on from {options.kept}" if there else "; nothing is kept yet"
 
 
 def _trainings(entry: Path) -> bool:
@@ -115,19 +158,32 @@ def _over(runs: list[Scored], summary: Callable[[list[float]], Any]) -> Scored:
 def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     learn, test = windows.read_windows(path)
     chosen = windows.window_preset(preset)
-    runs: list[Scored] = []
-    count = TrainingCount(bar, options.seeds, say_aside)
-    for seed in range(options.seeds):
-        fitted = fit_windows(learn, chosen, options.inducing, seed, kept, count.next(f"seed {seed}"))
+    unit = "m" if windows.is_person(test) else "rad²"
+    most = windows.most_sequences(learn)
+    counts = [n for n in sorted(set(options.learning_curve)) if n <= most] or [most]
+    count = TrainingCount(bar, options.seeds * len(counts), say_aside)
+
+    def scored(part: windows.Windows, seed: int, name: str) -> Scored:
+        fitted = fit_windows(part, chosen, options.inducing, seed, kept, count.next(name))
         scores = {"hgpdm": windows.window_scores(windows.respond(fitted.model, test), test)}
         task = fitted.task
         baseline = {"sparse_gp": baselines.regression(fitted.sparse_gp), **evaluation.plain_baselines(task)}
-        for name, predictor in baseline.items():
-            scores[name] = windows.window_scores(windows.predicted(predictor, task.feature_map, test), test)
-        runs.append(scores)
-    unit = "m" if windows.is_person(test) else "rad²"
+        for method, predictor in baseline.items():
+            scores[method] = windows.window_scores(windows.predicted(predictor, task.feature_map, test), test)
+        return scores
+
+    if options.learning_curve:
+        drawn = [
+            [scored(windows.few_sequences(learn, n, s), s, f"{n} an action, draw {s}") for s in range(options.seeds)]
+            for n in counts
+        ]
+        runs = drawn[-1]
+    else:
+        drawn, runs = [], [scored(learn, seed, f"seed {seed}") for seed in range(options.seeds)]
     about = {"windows": str(path), "unit": unit, "seeds": options.seeds, "points": len(learn.target)}
     result = {**_summary(runs), **about, "preset": preset.name, "inducing": options.inducing}
+    if drawn:
+        result["learning_curve"] = learning_curve(counts, drawn, unit)
     return _reported(result, options.out, None, ())
 
 
@@ -151,12 +207,27 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     )
     trials = [pair.trial for pair in pairs] + (_locked_trials(bar) if options.locked else [])
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
-    runs: list[Run] = []
     others = {name: learner(name) for name in options.also}
-    count = TrainingCount(bar, options.seeds * trainings(folds, options.leave_out), say_aside)
-    for seed in range(options.seeds):
-        named = partial(_fold_steps, count, seed)
-        runs.append(run_protocol(folds, options.leave_out, preset, options.inducing, seed, kept, named, model, others))
+    prior = None if options.start is None else model_to_adapt(options.start)
+    parts = [draws(trials, options.learning_curve, seed) for seed in range(options.seeds)]
+    each = len(parts[0]) if options.learning_curve else trainings(folds, options.leave_out)
+    count = TrainingCount(bar, options.seeds * each, say_aside)
+
+    def run(folds: Sequence[Fold], seed: int) -> Run:
+        named = partial(_fold_steps, count, seed, "" if options.learning_curve else "without ")
+        what = options.leave_out
+        return run_protocol(folds, what, preset, options.inducing, seed, kept, named, model, others, prior)
+
+    if kept is not None and model is None and (options.jobs > 1 or options.models is not None):
+        seeded = [(fold, seed) for seed in range(options.seeds) for fold in (parts[seed] or folds)]
+        work = [Training(fold.name, fold.trials, preset, options.inducing, seed, prior) for fold, seed in seeded]
+        in_processes(work, kept, options.jobs)
+    drawn: list[list[Run]] = []
+    if options.learning_curve:
+        drawn = [[run([fold], seed) for fold in parts[seed]] for seed in range(options.seeds)]
+        runs = [of_seed[-1] for of_seed in drawn]
+    else:
+        runs = [run(folds, seed) for seed in range(options.seeds)]
     about = {
         "data": str(folder),
         "model": None if options.model is None else str(options.model),
@@ -171,7 +242,24 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
         about |= {"locked": True, "locked_set": NUMBER}
     if options.leave_out is not None:
         about |= {"leave_out": options.leave_out, "folds": len(folds), "by_fold": runs[0].by_fold()}
-    result = {**_summary([run.scores for run in runs]), **about, "looking_ahead": _looking_ahead(runs[0])}
+    about["false_starts"] = (
+        None if model is None or not options.gestures else false_starts(model, lambda total: bar("false starts", total))
+    )
+    if options.start is not None:
+        about |= {"from": options.start}
+    ahead = _looking_ahead(runs[0])
+    if len(folds) == 1 and not drawn:  # else no one training saw none of the held-out trials
+        mixture = MixtureReach(runs[0].fitted.task, folds[0].trials)
+        about["forecast_mixture"] = mixture_forecasts(
+            runs[0].trials, runs[0].answers["hgpdm"], mixture, horizons.BEFORE
+        )
+        ahead["contact_point"]["gaussian_mixture"] = about["forecast_mixture"]["contact_point"]
+    result = {**_summary([run.scores for run in runs]), **about, "looking_ahead": ahead}
+    if drawn:
+        counts = [int(fold.name.split()[0]) for fold in parts[0]]
+        result["learning_curve"] = learning_curve(
+            counts, [[run.scores for run in row] for row in zip(*drawn, strict=True)]
+        )
     return _reported(result, options.out, runs[0], folds[0].trials)
 
 
@@ -205,5 +293,5 @@ def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials:
     return {**result, "report": str(write_evaluation(out, result, run, trials))}
 
 
-def _fold_steps(count: TrainingCount, seed: int, fold: str) -> ProgressCallback:
-    return count.next(f"seed {seed}, without {fold}" if fold else f"seed {seed}")
+def _fold_steps(count: TrainingCount, seed: int, word: str, fold: str) -> ProgressCallback:
+    return count.next(f"seed {seed}, {word}{fold}" if fold else f"seed {seed}")

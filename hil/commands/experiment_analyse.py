@@ -35,7 +35,7 @@ METHODS = "methods.md"
 """There: a paragraph for a paper, with brackets where the lab fills in."""
 XDF_EVENTS = "xdf_events.csv"
 """There: the log's events on the time lines of XDF files."""
-SIMULATED = "The source study's table is of people: simulated participants are refused."
+SIMULATED = "Table 1 of the source study is left out: it is of people, and all participants here are simulated."
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,10 @@ def print_analysis(result: dict[str, Any]) -> None:
     if "lacking" in result:
         print(result["lacking"])
     for condition, found in result.get("confusion", {}).items():
-        rates = ", ".join(f"{name} {rate['mean']:.2f}" for name, rate in found["emotions"].items())
+        rates = "; ".join(
+            f"{name} {rate['correct']} of {rate['shown']} right, estimate {rate['mean']:.2f}"
+            for name, rate in found["emotions"].items()
+        )
         print(f"{condition}: {rates}; {found['mutual_information']:.2f} bits (blind: {found['chance_bits']:.2f})")
     for condition, found in result.get("contrasts", {}).items():
         _print_contrast(condition, found)

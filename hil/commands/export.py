@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from highfive.hil.recording.exports.lerobot import FPS, frames_written, lerobot_
 from highfive.hil.recording.exports.motion_files import bvh_files, c3d_files
 from highfive.hil.recording.exports.tables import csv_files, npz_file, ticks_of
 from highfive.hil.recording.exports.trial_arrays import ExportTrial, export_trials
-from highfive.hil.recording.one_recording import one_recording
+from highfive.hil.recording.one_recording import one_recording, unended
 from highfive.hil.recording.session_reader import read_session
 from highfive.hil.runtime.console import Bar, counted, say_aside
 from highfive.hil.runtime.folders import check_file, results_folder
@@ -69,13 +70,15 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
     path = one_recording(options.recording)
     large = path.is_file() and path.stat().st_size > _LARGE
     advance = bar("reading", 1) if large else None
+    opened = datetime.now(UTC)
     session = read_session(path)
     trials = export_trials(session)
     if advance is not None:
         advance()
     if not session.complete:
         end = 1e-9 * trials[-1].span.end_ns
-        say_aside(f"{path.name} has no end: exported is what there is of it, up to its last whole chunk ({end:.1f} s)")
+        there = f"exported is what there is of it, up to its last whole chunk ({end:.1f} s)"
+        say_aside(f"{path.name} {unended(path, opened)}: {there}")
     if options.trial is not None:
         trials = [_chosen(trials, options.trial)]
     trials = _movable(trials, path.name, options.format)
@@ -93,7 +96,7 @@ def export(options: ExportOptions, bar: Bar) -> dict[str, Any]:
         "files": [str(folder / file.name) for file in files],
         "frames": frames_written(folder) if options.format == "lerobot" else ticks_of(trials),
         "duration": round(1e-9 * sum(span.end_ns - span.start_ns for span in spans), 6),
-        "trials": [span.number for span in spans],
+        "trials": [span.number + 1 for span in spans],
         "complete": session.complete,
     }
 

@@ -54,7 +54,7 @@ class ImportOptions:
         files: of a trial each, of one or two people; none where each person has files of her own.
         folder: of the C3D files and the table.
         human, avatar: prefixes of the two people in ``files``; without these the person's file and the other's, or
-            folders in which files of one name are one trial.
+            folders in which files of one name are one trial; ``human`` alone for trials of one person.
         units: of the numbers, one of :data:`UNITS`, or how many metres one is; None takes what the file says, or what a
             person's size says.
         up: the vertical, y or z; None finds it.
@@ -133,8 +133,10 @@ def _sources(options: ImportOptions) -> dict[str, Callable[[], Recording]]:
     elif options.human and options.avatar:
         pairs = _paired(Path(options.human), Path(options.avatar))
         found = [(human, partial(_pair, human, avatar, options)) for human, avatar in pairs]
+    elif options.human:
+        found = [(path, partial(_alone, path, options)) for path in _motion_of(Path(options.human))]
     else:
-        raise HighFiveError("give files of both people, or --human FILE and --avatar FILE with one of each")
+        raise HighFiveError("give files of both people, --human FILE and --avatar FILE, or --human FILE alone")
     names = [f"{path.stem}.c3d" for path, _ in found]
     if twice := [name for name in dict.fromkeys(names) if names.count(name) > 1]:
         raise HighFiveError(f"two files would become {twice[0]}; rename one of them")
@@ -156,6 +158,21 @@ def _paired(human: Path, avatar: Path) -> list[tuple[Path, Path]]:
         what = f"{lone[0]} is in one of them only" if lone else f"there is no {', '.join(PARSERS)} in them"
         raise HighFiveError(f"--human {human} and --avatar {avatar}: {what}; files of one name are one trial")
     return [(ours[stem], theirs[stem]) for stem in ours]
+
+
+def _motion_of(human: Path) -> list[Path]:
+    """The file, or those of a folder that can be read."""
+    if not human.is_dir():
+        return [human]
+    found = [path for path in sorted(human.iterdir()) if path.suffix.lower() in PARSERS]
+    if not found:
+        raise HighFiveError(f"--human {human}: there is no {', '.join(PARSERS)} in it")
+    return found
+
+
+def _alone(path: Path, options: ImportOptions) -> Recording:
+    """A file of the person alone."""
+    return _placed(_one_person(_parsed(path), DEFAULT_PREFIXES[0]), options)
 
 
 def _whole(path: Path, options: ImportOptions) -> Recording:

@@ -9,7 +9,7 @@ from typing import Any
 from highfive.hil.commands.evaluate import EvaluateOptions
 from highfive.hil.commands.evaluate import evaluate as _evaluate
 from highfive.hil.datasets.training_data import load_trials
-from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.avatar import avatar_arm, avatar_skeleton
 from highfive.model.hgpdm import training
 from highfive.model.hgpdm.presets import preset_named
 from highfive.model.hgpdm.trained import HGPDM
@@ -46,7 +46,8 @@ def train(
     if iterations is not None:
         chosen = chosen.with_iterations(iterations)
     trials = [pair.trial for pair in pairs]
-    return training.train(trials, chosen, inducing=inducing, seed=seed, skeleton_hash=avatar_skeleton().hash)
+    skeleton, chain = avatar_skeleton().hash, avatar_arm()
+    return training.train(trials, chosen, inducing=inducing, seed=seed, skeleton_hash=skeleton, chain=chain)
 
 
 def evaluate(
@@ -58,6 +59,7 @@ def evaluate(
     preset: str = "default",
     inducing: int = 200,
     seeds: int = 1,
+    gestures: bool = True,
     out: Path | str | None = None,
 ) -> dict[str, Any]:
     """Scores of a model beside plain regressions on the held-out trials of a folder.
@@ -69,6 +71,7 @@ def evaluate(
         leave_out: ``repetition`` or ``cell``: each is held out in turn, whatever the table's split.
         preset, inducing: of the model that is trained.
         seeds: trainings; the scores are medians.
+        gestures: counts the model's false starts, too: simulated gestures, some minutes of computing.
         out: folder for a report with figures; None writes nothing.
 
     Returns:
@@ -86,6 +89,7 @@ def evaluate(
         leave_out=leave_out,
         out=None if out is None else Path(out),
         also=tuple(also),
+        gestures=gestures,
     )
     return _evaluate(options, lambda label, total: _no_progress)
 

@@ -92,7 +92,7 @@ def _print_arm(arm: dict[str, Any]) -> None:
     error, late = arm["error_mm"], arm["time_error_ms"]
     able = arm["trials"] - arm["broken_off"] - len(arm["unreachable"])
     if error["median"] is not None:
-        print(f"  servo arm's plate to palm  {_spread(error, able, 1, 'mm')}")
+        print(f"  servo arm's plate to palm {_spread(error, able, 1, 'mm')}")
     if late["median"] is not None:
         print(f"    off in time             {_spread(late, able - arm['missed'], 0, 'ms')}")
     print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")

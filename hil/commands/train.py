@@ -3,27 +3,46 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from highfive.hil.datasets.gestures import load_gestures
 from highfive.hil.datasets.training_data import SolvedPair, load_trials
+from highfive.hil.evaluation.curves import further_trials
 from highfive.hil.evaluation.training_progress import training_bars
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, counted, say_aside
 from highfive.hil.runtime.folders import check_file
-from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.avatar import avatar_arm, avatar_skeleton
+from highfive.hil.trials.distractors import drawn_gestures
 from highfive.model.errors import HighFiveError
+from highfive.model.evaluation.learning_curve import gains, proxy_curve
+from highfive.model.files import DEFAULT_MODEL
 from highfive.model.gp.optimise import fall_at_the_end
 from highfive.model.hgpdm import training
+from highfive.model.hgpdm.adaptation import adapt
+from highfive.model.hgpdm.arm_features import have_arms
 from highfive.model.hgpdm.checkpoint import is_checkpoint
-from highfive.model.hgpdm.presets import preset_named
-from highfive.model.hgpdm.store import save_model
+from highfive.model.hgpdm.memory import array_bytes, available_bytes, points_of, training_bytes
+from highfive.model.hgpdm.presets import Preset, preset_named
+from highfive.model.hgpdm.sharding import host_count, host_number, join_hosts
+from highfive.model.hgpdm.store import load_model, save_model
+from highfive.model.hgpdm.trained import HGPDM
+
+SHIPPED = "default"
+"""The name of the shipped model, where a model's file could stand."""
 
 FEW = 10
 """With fewer trials a model is made, but there is a warning."""
+
+TRIALS_A_ROUND, MOST_ROUNDS = 27, 4
+"""For so many trials each gesture that is no high five is simulated once in each emotion, up to so many times."""
+SAID_GB = 2.0
+"""A training that takes more memory says so beforehand."""
 
 CONVERGED = 1e-3
 """An objective that falls by no more, relatively, over the last tenth of the steps has converged."""
@@ -45,7 +64,12 @@ class TrainOptions:
     overwrite: bool
     restarts: int = 1
     iterations: int | None = None
-    whole_arm: bool = False
+    whole_arm: bool | None = None
+    distractors: bool = True
+    start: str | None = None
+    hosts: tuple[str, ...] = ()
+    process: int | None = None
+    memory_gb: float | None = None
 
     @property
     def checkpoint(self) -> Path:
@@ -60,25 +84,29 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         HighFiveError: the data cannot be read or learned from, the model's file is there already or cannot be written,
             or somebody else's file has the name of its checkpoint.
     """
+    if options.hosts and options.start is not None:
+        raise HighFiveError("--from takes seconds on one host; leave --hosts out")
+    if options.hosts and (own := join_hosts(options.hosts, options.process)) > 0:
+        # Every host computes the same model, and the first one writes it; a checkpoint each, on a shared disk, too.
+        options = replace(options, out=options.out.with_name(f"{options.out.stem}.host{own}.safetensors"))
     check_file(options.out, options.overwrite)
+    if options.start is not None:
+        return _adapt(options, bar, clock)
     _check_checkpoint(options)
     preset = preset_named(options.preset)
     if options.iterations is not None:
         preset = preset.with_iterations(options.iterations)
     start = clock.now()
-    pairs = load_trials(
-        options.data,
-        options.human,
-        options.avatar,
-        options.human_set,
-        options.avatar_set,
-        lambda total: bar("solving markers", total),
-        learn_only=True,
-    )
+    pairs = _solved(options, bar)
     if len(pairs) < FEW:
-        advice = "places and people that are not among them will be answered poorly"
-        say_aside(f"{counted(len(pairs), 'trial')} to learn from: {advice}")
+        advice = f"--from {SHIPPED} adapts the shipped model to them, evaluate --learning-curve says what is better"
+        say_aside(f"{counted(len(pairs), 'trial')} to learn from, {advice}")
+    gestures = load_gestures(options.data, options.human, options.human_set)
+    if options.distractors:
+        rounds = min(1 + (len(pairs) - 1) // TRIALS_A_ROUND, MOST_ROUNDS)
+        gestures += drawn_gestures(rounds, options.seed, lambda total: bar("simulating distractors", total))
     solved = clock.now()
+    needed = _checked_memory(pairs, preset, options)
     model = training.train(
         [pair.trial for pair in pairs],
         preset,
@@ -90,9 +118,12 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         restarts=options.restarts,
         say=say_aside,
         whole_arm=options.whole_arm,
+        chain=avatar_arm(),
+        gestures=gestures,
     )
     try:
-        save_model(model, options.out, replace=options.overwrite)
+        if host_number() == 0:
+            save_model(model, options.out, replace=options.overwrite)
     except HighFiveError as error:
         kept = f"; make room, and the same command goes on from {options.checkpoint}"
         raise HighFiveError(f"{error}{kept if options.checkpoint.exists() else ''}") from None
@@ -103,7 +134,11 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         "model": str(options.out),
         "preset": preset.name,
         "trials": len(pairs),
+        "without_contact": sum(not gesture.test for gesture in gestures),
+        "whole_arm": model.arm_contact is not None,
         "points": model.settings["points"],
+        "memory_gb": round(needed, 2),
+        "hosts": host_count(),
         "inducing": model.settings["inducing"],
         "objective": model.settings["objective"],
         "steps": model.settings["iterations"],
@@ -112,14 +147,134 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         "starts": model.settings["starts"],
         "marker_rms_mm": {name: round(1e3 * value, 3) for name, value in rms.items()},
         "marker_rms_mm_all": round(1e3 * float(np.sqrt(np.mean(np.square(list(rms.values()))))), 3),
+        "more_trials": _more_trials(pairs, options.seed),
         "seed": model.settings["seed"],
         "solving_seconds": round(1e-9 * (solved - start), 1),
         "seconds": round(1e-9 * (clock.now() - start), 1),
     }
 
 
+def _solved(options: TrainOptions, bar: Bar) -> list[SolvedPair]:
+    return load_trials(
+        options.data,
+        options.human,
+        options.avatar,
+        options.human_set,
+        options.avatar_set,
+        lambda total: bar("solving markers", total),
+        learn_only=True,
+    )
+
+
+def model_to_adapt(start: str) -> HGPDM:
+    """The model of a file, or the shipped one where ``start`` is :data:`SHIPPED`.
+
+    Raises:
+        HighFiveError: there is none, or it is of another skeleton.
+    """
+    return load_model(DEFAULT_MODEL if start == SHIPPED else Path(start), avatar_skeleton().hash)
+
+
+def _adapt(options: TrainOptions, bar: Bar, clock: Clock) -> dict[str, Any]:
+    """Adapts a trained model; see :func:`train`."""
+    assert options.start is not None
+    if options.whole_arm is not None or options.restarts > 1 or options.iterations is not None:
+        raise HighFiveError(
+            "--from adapts in closed form: leave --whole-arm, --hand-alone, --restarts and --iterations out"
+        )
+    begun, before = clock.now(), model_to_adapt(options.start)
+    pairs = _solved(options, bar)
+    trials = [pair.trial for pair in pairs]
+    if before.arm_contact is not None and not have_arms([trial for trial in trials if not trial.test]):
+        say_aside("elbow, shoulder and head are not known in all trials: the adapted model looks at the hand alone")
+    model, moved = adapt(before, trials, options.seed)
+    save_model(model, options.out, replace=options.overwrite)
+    rms = _marker_rms(pairs)
+    return {
+        "model": str(options.out),
+        "from": options.start,
+        "trials": len(pairs),
+        "adaptation": asdict(moved),
+        "marker_rms_mm": {name: round(1e3 * value, 3) for name, value in rms.items()},
+        "marker_rms_mm_all": round(1e3 * float(np.sqrt(np.mean(np.square(list(rms.values()))))), 3),
+        "more_trials": _more_trials(pairs, options.seed),
+        "seed": options.seed,
+        "seconds": round(1e-9 * (clock.now() - begun), 1),
+    }
+
+
+def _checked_memory(pairs: Sequence[SolvedPair], preset: Preset, options: TrainOptions) -> float:
+    """GB that the training will take at its peak, said where it is much.
+
+    Raises:
+        HighFiveError: there is not that much, or it is more than ``--memory``.
+    """
+    shape = points_of([pair.trial for pair in pairs], preset)
+    held = sum(array_bytes(pair.trial) for pair in pairs)
+    needed = 1e-9 * (held + training_bytes(shape, options.inducing, preset))
+    limit = options.memory_gb or 1e-9 * available_bytes()
+    if needed > SAID_GB:
+        say_aside(f"{shape.points} points will take about {needed:.1f} GB, of {limit:.1f}")
+    if needed > limit:
+        raise HighFiveError(
+            f"{shape.points} points need about {needed:.1f} GB, there are {limit:.1f}: give fewer --inducing, less "
+            "data, or another machine"
+        )
+    return needed
+
+
+def _more_trials(pairs: Sequence[SolvedPair], seed: int) -> dict[str, list[float]]:
+    """Further trials a style → fall of the neighbours' error of the palm, m: median, smallest and largest; {} of few.
+
+    Neighbours stand in for the model, since a training of it takes minutes and there would have to be a dozen.
+    """
+    counts, errors = proxy_curve([pair.trial for pair in pairs], seed)
+    if len(counts) < 3:
+        return {}
+    further = further_trials(counts)
+    return {str(n): list(fall) for n, fall in zip(further, gains(counts, errors, further), strict=True)}
+
+
+def _advice(result: dict[str, Any]) -> str:
+    measured = "evaluate DATA --learning-curve 3,5,10,20,40 measures it for the model"
+    if not (more := result["more_trials"]):
+        return f"what more trials would bring cannot be told from so few; {measured}"
+    falls = [
+        f"{n} more a style bring the palm {100 * middle:.1f} cm nearer ({100 * low:.1f} to {100 * high:.1f})"
+        for n, (middle, low, high) in more.items()
+    ]
+    return f"more trials, judged by nearest neighbours in this set: {', '.join(falls)}; {measured}"
+
+
+def _adaptation_lines(result: dict[str, Any]) -> list[str]:
+    """What moved, and by how much, for people."""
+    moved = result["adaptation"]
+    palms = ", ".join(f"{name} {100.0 * value:.1f}" for name, value in moved["palm"].items())
+    lines = [
+        f"{result['model']}: {result['from']} adapted to {counted(result['trials'], 'trial')}, "
+        f"{result['seconds']:.0f} s; markers met to {result['marker_rms_mm_all']:.1f} mm",
+        f"moved: mean pose {np.degrees(moved['body']):.1f}°, pose {np.degrees(moved['pose']):.1f}°, palm by style "
+        f"{palms} cm, contact point {100.0 * moved['contact_point']:.1f} cm, its time {1e3 * moved['time']:.0f} ms",
+        f"what was learned before counts for {100.0 * moved['share']:g} % in the avatar layer, "
+        f"{100.0 * moved['contact_share']:g} % in the contact layer"
+        + ("" if moved["arm_share"] is None else f", {100.0 * moved['arm_share']:g} % in that of the whole arm"),
+    ]
+    units = {"pose": ("°", 180.0 / np.pi), "palm": (" cm", 100.0)}
+    units |= {"contact_point": (" cm", 100.0), "time": (" ms", 1e3)}
+    parts = [
+        f"{name.replace('_', ' ')} {factor * before:.1f} → {factor * after:.1f}{unit}"
+        for name, (unit, factor) in units.items()
+        if name in moved["left_out"]
+        for before, after in [moved["left_out"][name]]
+    ]
+    said = [f"RMS error of trials left out, before → after: {', '.join(parts)}"] if parts else []
+    return [*lines, *said, _advice(result)]
+
+
 def summary(result: dict[str, Any]) -> list[str]:
     """The figures of a training for people."""
+    if "adaptation" in result:
+        return _adaptation_lines(result)
     worst = ", ".join(f"{name} {rms:.1f}" for name, rms in list(result["marker_rms_mm"].items())[:3])
     fall = f"it fell by {100.0 * result['fall_at_the_end']:.2f} % over the last tenth of {result['steps']} steps"
     more = f"--iterations {2 * result['steps']} lowers it further; evaluate says whether new trials gain"
@@ -129,10 +284,12 @@ def summary(result: dict[str, Any]) -> list[str]:
         f"{result['seconds']:.0f} s; markers met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
         f"objective {result['objective']:.3f}; {fall}{advice}",
     ]
+    by = "the whole arm" if result["whole_arm"] else "the hand alone"
+    lines.append(f"where and when palms meet is foretold by {by}")
     if len(result["starts"]) > 1:
         each = [f"seed {s['seed']} {s['failure'] or format(s['objective'], '.3f')}" for s in result["starts"]]
         lines.append(f"kept seed {result['seed']} of: {', '.join(each)}")
-    return lines
+    return [*lines, _advice(result)]
 
 
 def after_interruption(options: TrainOptions) -> str:

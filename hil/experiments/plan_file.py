@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -104,10 +105,18 @@ def _value(entry: Mapping[str, Any], where: str, name: str, of: type[Any]) -> An
     kinds = {"str": str, "int": int, "float": float}
     declared = next(field.type for field in fields(of) if field.name == name)
     if declared in kinds:
-        return typed(entry, where, name, kinds[declared])
+        return _finite(typed(entry, where, name, kinds[declared]), f"{where}{name}")
     check_keys(entry[name], f"{where}{name}", set(), set(entry[name]) if isinstance(entry[name], Mapping) else None)
     inner = kinds[str(declared).removeprefix("Mapping[str, ").removesuffix("]")]
-    return {key: typed(entry[name], f"{where}{name}.", key, inner) for key in entry[name]}
+    at = f"{where}{name}."
+    return {key: _finite(typed(entry[name], at, key, inner), f"{at}{key}") for key in entry[name]}
+
+
+def _finite(value: Any, where: str) -> Any:
+    """Of it a digest is made, which knows no other numbers."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise HighFiveError(f"{where} is {value}, expected a finite number")
+    return value
 
 
 def _toml(value: Any) -> str:

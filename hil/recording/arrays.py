@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from math import prod
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,6 +13,12 @@ from highfive.model.errors import HighFiveError
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # pyright: ignore[reportMissingImports]
+
+
+_DEEPEST = 8
+"""Objects within each other that are laid flat; ours have two."""
+_MOST_BYTES = 1 << 30
+"""Of an array: all rows are as long as the longest."""
 
 
 def message_arrays(times_ns: Sequence[int], messages: Sequence[Mapping[str, Any]]) -> dict[str, NDArray[Any]]:
@@ -46,11 +53,11 @@ def message_table(arrays: Mapping[str, NDArray[Any]]) -> DataFrame:
     return pandas.DataFrame(columns)
 
 
-def _flat(message: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flat(message: Mapping[str, Any], prefix: str = "", depth: int = 0) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name, value in message.items():
-        if isinstance(value, Mapping):
-            found |= _flat(value, f"{prefix}{name}.")
+        if isinstance(value, Mapping) and depth < _DEEPEST:
+            found |= _flat(value, f"{prefix}{name}.", depth + 1)
         else:
             found[prefix + name] = value
     return found
@@ -59,15 +66,18 @@ def _flat(message: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 def _stacked(values: Sequence[Any]) -> NDArray[Any]:
     present = [value for value in values if value is not None]
     if present and all(isinstance(value, str) for value in present):
-        return np.array([value or "" for value in values])
+        fits = 4 * max(map(len, present)) * len(values) <= _MOST_BYTES
+        return np.array([value or "" for value in values], dtype=np.str_ if fits else object)
     for kind in (bool, int):
         if len(present) == len(values) and all(type(value) is kind for value in values):
             return np.array(values)
     try:
         shape = np.shape(np.array(present[0], dtype=float)) if present else ()
+        if 8 * prod(shape) * len(values) > _MOST_BYTES:
+            raise ValueError("one is so long that an array of all would not fit")
         missing = np.full(shape, np.nan)
         return np.array([missing if value is None else np.array(value, dtype=float) for value in values])
-    except (TypeError, ValueError):  # texts in a list, or lists of different lengths
+    except (TypeError, ValueError, OverflowError):  # texts in a list, lists of different lengths, or huge numbers
         objects = np.empty(len(values), dtype=object)
         objects[:] = list(values)
         return objects

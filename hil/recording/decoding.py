@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import re
 import struct
 from collections.abc import Collection, Mapping
 from typing import Any, TypeGuard
@@ -23,6 +24,8 @@ MARKERS = "/markers"
 """The one topic of points that is read back; the others are for viewers."""
 ALL = (*schemas.TOPICS, MARKERS)
 """Topics that are read back, beside other programs' streams."""
+
+_LONG = re.compile(rb"\d{19}")  # else no number is looked at: there are many
 
 # What a message that is not as it should be makes its decoding raise.
 _MALFORMED = (DecodeError, struct.error, ValueError, KeyError, TypeError, AttributeError, RecursionError)
@@ -65,7 +68,7 @@ class Decoder:
         return topic.startswith(schemas.STREAMS) and (self._streams or b'"labels"' in content)
 
     def _of_json(self, topic: str, content: bytes) -> dict[str, Any]:
-        data = json.loads(content)
+        data = json.loads(content, parse_int=_whole if _LONG.search(content) else None)
         if not isinstance(data, dict):
             raise ValueError("no JSON object")
         if topic in schemas.TOPICS:
@@ -93,6 +96,13 @@ def say_what_is_left_out(file: McapFile, malformed: Collection[Place], said: tup
     found += [counted(chunks, f"{more} damaged chunk".strip())] if chunks else []
     if found:
         LOG.warning("%s: left out: %s", file.path.name, " and ".join(found))
+
+
+def _whole(digits: str) -> int:
+    """Raises ValueError beyond 64 bits: no array holds it, nor does a float."""
+    if -(2**63) <= (number := int(digits)) < 2**64:
+        return number
+    raise ValueError("a whole number of more than 64 bits")
 
 
 def _are_texts(value: object) -> TypeGuard[list[str]]:

@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 
 from highfive.model.errors import HighFiveError
 
+_WRITTEN_S = 5.0
+"""s since a recording without an end was last written to, within which it is taken to be written still: it grows by a
+chunk each half second."""
+
 SUFFIX = ".mcap"
 """Of a recorded session's file."""
+
+
+def unended(path: Path, opened: datetime) -> str:
+    """What is to be said of a recording without an end: being written when it was ``opened``, or cut short."""
+    age = opened.timestamp() - path.stat().st_mtime
+    return "is still being written" if age < _WRITTEN_S else "has no end"
 
 
 def one_recording(path: Path) -> Path:

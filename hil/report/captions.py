@@ -23,6 +23,15 @@ _FONTS = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
 _INK = (255, 255, 255)
 
 
+def who_is_who(result: TrialResult, *, arm: bool) -> tuple[str, str]:
+    """Who answers and in which style, and who is answered, for the two lines of a caption."""
+    answers = "servo arm" if arm else "avatar"
+    return (
+        f"{answers}: {result.style}" if result.style else answers,
+        "simulated person" if result.simulated else "person",
+    )
+
+
 class Captions:
     """Draws for frames of one height; sizes below are pixels of a frame 720 high."""
 
@@ -45,14 +54,11 @@ class Captions:
     def caption(
         self, frame: Image, result: TrialResult, *, slow: bool, after_contact: bool, arm: ContactOutcome | None = None
     ) -> None:
-        """Style and kind of person below on the left; speed, and how near the palms came, below on the right.
+        """Who answers whom, and in which style, below on the left; speed, and how near palms came, on the right.
 
         Where ``arm`` says how the servo arm met the hand, it is the arm that is shown.
         """
-        who = "simulated person" if result.simulated else "person"
-        if arm is not None:
-            who = f"servo arm and {who}"
-        self._put(frame, self._labels(result.style or "high five", who, colour_of(result.style)), left=True)
+        self._put(frame, self._labels(*who_is_who(result, arm=arm is not None), colour_of(result.style)), left=True)
         if slow:
             apart = f"palms {1e3 * result.error:.1f} mm apart, as tracked"
             if not np.isnan(result.touch_error):

@@ -15,12 +15,14 @@ _OTHERS = (("#CC79A7", "D"), ("#8C6BB1", "P"), ("#7F7F7F", "X"))
 
 _METHODS = {
     "hgpdm": ("#0072B2", "o"),
+    "adapted": ("#56B4E9", "P"),
     "sparse_gp": ("#D55E00", "s"),
     "knn": ("#CC79A7", "^"),
     "ridge": ("#009E73", "D"),
     "mean": ("#7F7F7F", "X"),
     "constant_velocity": ("#7F7F7F", "v"),
     "minimum_jerk": ("#BCBD22", "<"),
+    "gaussian_mixture": ("#8C564B", ">"),
 }
 
 PERSON = "#8C6BB1"

@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from highfive.hil.evaluation.cross_validation import Run
+from highfive.hil.evaluation.curves import SHOWN
 from highfive.hil.evaluation.score_table import METHODS, metric_named
 from highfive.hil.report.colours import method_look
 from highfive.hil.report.drawing import FAINT, INK, Drawing, new_figure
@@ -29,6 +30,7 @@ _NAMES = {
     "knn": "nearest neighbours",
     "constant_velocity": "constant velocity",
     "minimum_jerk": "least jerk",
+    "gaussian_mixture": "Gaussian mixture",
 }
 
 
@@ -193,3 +195,38 @@ def _lines(axes: Axes, x: Array, found: horizons.Errors) -> None:
     trusted = [np.nanmax(values) for name, values in shown.items() if name not in ("constant_velocity", "minimum_jerk")]
     axes.set_ylim(0.0, 130.0 * max(trusted))
     axes.spines["left"].set_color(INK)
+
+
+def over_trials(result: dict[str, Any]) -> Drawing | None:
+    """Errors over the number of trials a style, a panel each, with the range of the draws."""
+    curve = result.get("learning_curve")
+    if curve is None:
+        return None
+    own, counts = curve["methods"]["hgpdm"], curve["trials_per_style"]
+    names = [name for name in SHOWN if name in own] or list(own)
+    columns = min(3, len(names))
+    rows = -(-len(names) // columns)
+    figure = new_figure(9.0, 0.8 + 2.3 * rows)
+    grid = figure.subplots(rows, columns, squeeze=False)
+    for axes in grid.flat[len(names) :]:
+        axes.set_axis_off()
+    for axes, name in zip(grid.flat, names, strict=False):
+        metric = metric_named(name, result.get("unit", ""))
+        for method, values in curve["methods"].items():
+            if name not in values or method == "mean":  # far off: to its scale the others would look alike
+                continue
+            colour, mark = method_look(method)
+            middle, low, high = (metric.factor * np.array(values[name][e]) for e in ("median", "smallest", "largest"))
+            axes.fill_between(counts, low, high, color=colour, alpha=0.2, lw=0.0)
+            axes.plot(counts, middle, color=colour, marker=mark, ms=4, lw=1.4, label=_label(method))
+        axes.set_xscale("log")
+        axes.set_xticks(counts, [str(count) for count in counts])
+        axes.minorticks_off()
+        axes.set_ylim(bottom=0.0)
+        axes.set_title(metric.heading, fontsize=9)
+    grid[0, 0].legend(fontsize=8, frameon=False)
+    grid[-1, 0].set_xlabel("trials a style")
+    caption = (
+        f"Errors over the number of trials a style that were learned from: median and range of {curve['draws']} draws."
+    )
+    return Drawing("over_trials", caption, figure)

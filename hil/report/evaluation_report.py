@@ -54,7 +54,7 @@ def write_evaluation(folder: Path, result: dict[str, Any], run: Run | None, tria
 
 def draw_evaluation(result: dict[str, Any], run: Run | None, trials: Sequence[Trial]) -> list[Drawing]:
     """All figures that can be drawn."""
-    painters = [partial(evaluation_figures.errors, result)]
+    painters = [partial(evaluation_figures.errors, result), partial(evaluation_figures.over_trials, result)]
     if run is None:
         return draw(painters)
     model = run.fitted.model
@@ -79,9 +79,11 @@ def _page(result: dict[str, Any], drawings: Sequence[Drawing]) -> str:
     sections = [
         _headline(result),
         section("Scores", figures(drawn, "errors") + _scores(result)),
+        section("Few trials", figures(drawn, "over_trials") + _advice(result)),
         section("Left out in turn", figures(drawn, "left_out") + _by_fold(result)),
         section("How sure it is", figures(drawn, "calibration")),
         section("Looking ahead", figures(drawn, "by_horizon")),
+        section("False starts", _false_starts(result)),
         section("Movement", figures(drawn, "trajectories")),
         section("Style", figures(drawn, "style_strips")),
         section("Latent spaces", figures(drawn, "latent_spaces")),
@@ -89,6 +91,25 @@ def _page(result: dict[str, Any], drawings: Sequence[Drawing]) -> str:
         section("Do it again", _reproduce(result)),
     ]
     return render("High Five: evaluation", escape(f"{source}. {_setting(result)}"), _badges(result), sections)
+
+
+def _false_starts(result: dict[str, Any]) -> str:
+    """What came of simulated gestures that are no high five, if they were played."""
+    found = result.get("false_starts")
+    if not found:
+        return ""
+    head = ("gesture", "played", "reach began", "palm led", "palm raised", "decided after")
+    rows = [
+        (name, str(row["gestures"]), *(f"{100.0 * row[key]:.0f} %" for key in ("started", "led", "raised")),
+         f"{row['decided_s_median']:.2f} s")
+        for name, row in [*found["by_gesture"].items(), ("all", found)]
+    ]  # fmt: skip
+    said = (
+        f"Simulated people who raise a hand for something else. Of {found['high_fives']} true high fives, "
+        f"{100.0 * found['not_started']:.0f} % were not begun; the others {found['delay_ms_median']:.0f} ms later "
+        f"(median) than without the doubt, {100.0 * found['late']:.0f} % by more than 50 ms."
+    )
+    return f"<p>{said}</p>{table(head, rows, words={0})}"
 
 
 def _setting(result: dict[str, Any]) -> str:
@@ -152,6 +173,11 @@ def _scores(result: dict[str, Any]) -> str:
     return table(heads, rows, words={0}, escaped=True) + note
 
 
+def _advice(result: dict[str, Any]) -> str:
+    lines = result.get("learning_curve", {}).get("advice", [])
+    return "".join(f"<p>{escape(line)}.</p>" for line in lines)
+
+
 def _by_fold(result: dict[str, Any]) -> str:
     if not result.get("by_fold"):
         return ""
@@ -176,6 +202,10 @@ def _reproduce(result: dict[str, Any]) -> str:
     words += ["--seeds", str(result["seeds"])]
     if result.get("leave_out"):
         words += ["--leave-out", result["leave_out"]]
+    if "learning_curve" in result:
+        words += ["--learning-curve", ",".join(map(str, result["learning_curve"]["trials_per_style"]))]
+    if "from" in result:
+        words += ["--from", result["from"]]
     return (
         f"<pre>{escape(' '.join(words))}</pre><p>All values of this page are in <code>{DATA}</code>, in metres, "
         f"radians and seconds unless a name says otherwise; its pictures are in <code>{FIGURES}/</code>. What each "

@@ -132,7 +132,7 @@ def _emotions(result: dict[str, Any]) -> str:
     if not rows:
         return ""
     interval = f"{100.0 * result['level']:g}% interval"
-    heads = ["condition", "emotion", "correct", "answered", "rate", interval, "unbiased hit rate", "answer bias"]
+    heads = ["condition", "emotion", "correct", "answered", "estimate", interval, "unbiased hit rate", "answer bias"]
     return table(heads, rows, {0, 1}) + "".join(lines)
 
 

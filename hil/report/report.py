@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from highfive.hil.arm.arm_options import EMULATED, VIRTUAL
+from highfive.hil.report.captions import who_is_who
 from highfive.hil.report.drawing import Drawing, to_png
 from highfive.hil.report.film import Strip
 from highfive.hil.report.page import figures, jpeg, render, section, table, write_file
@@ -275,9 +276,8 @@ def _strip(strip: Strip) -> str:
         for label, image in strip.pictures
     )
     result = strip.result
-    arm = "servo arm: " if strip.arm else ""
-    answered = "" if result.style == result.emotion else f", answered as {result.style}"
-    heading = f"{dot(result.style)}{escape(arm + result.title + answered)}"
+    answers, _ = who_is_who(result, arm=strip.arm)
+    heading = f"{dot(result.style)}{escape(f'{answers}; {result.title}')}"
     return f'<div class="strip"><h3>{heading}</h3><div>{frames}</div></div>'
 
 

@@ -8,7 +8,8 @@ from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
-from highfive.hil.evaluation.score_table import method_label, methods_of, rows_of
+from highfive.hil.evaluation.curves import SHOWN
+from highfive.hil.evaluation.score_table import method_label, methods_of, metric_named, rows_of
 from highfive.hil.runtime.console import STDOUT
 
 PLAIN_WIDTH = 160  # columns where standard output is no terminal: a file has room
@@ -29,6 +30,53 @@ def print_scores(result: dict[str, Any]) -> None:
         table = _score_table(result, title, ranges=False)
         table.caption = "medians of the seeds; their ranges: --out, --json or a wider window"
     console.print(table)
+    if result.get("false_starts"):
+        console.print(_false_starts(result["false_starts"]))
+    if "learning_curve" in result:
+        _print_curve(result, console)
+
+
+def _false_starts(found: dict[str, Any]) -> Table:
+    """Gestures that are no high five, and what they led to; its caption says what true high fives lose."""
+    table = Table(box=SIMPLE_HEAD, title="gestures that are no high five (simulated)", title_justify="left")
+    table.add_column("gesture", no_wrap=True)
+    for heading in ("played", "reach began, %", "palm led, %", "palm raised, %", "decided after, s", "in 0.2 s, %"):
+        table.add_column(heading, justify="right")
+    for name, row in [*found["by_gesture"].items(), ("all", found)]:
+        shares = [f"{100.0 * row[key]:.0f}" for key in ("started", "led", "raised")]
+        table.add_row(
+            name, str(row["gestures"]), *shares, f"{row['decided_s_median']:.2f}", f"{100.0 * row['decided_soon']:.0f}"
+        )
+    table.caption = (
+        f"{found['high_fives']} true high fives: {100.0 * found['not_started']:.0f} % not begun, "
+        f"{100.0 * found['lost']:.0f} % only because of this; begun {found['delay_ms_median']:.0f} ms later (median), "
+        f"{100.0 * found['late']:.0f} % by more than 50 ms"
+    )
+    table.caption_justify = "left"
+    return table
+
+
+def _print_curve(result: dict[str, Any], console: Console) -> None:
+    """Each method's median errors over the trials a style, a table a metric, and what more would bring."""
+    curve = result["learning_curve"]
+    own = curve["methods"]["hgpdm"]
+    for name in [name for name in SHOWN if name in own] or list(own):
+        metric = metric_named(name, result.get("unit", ""))
+        table = Table(box=SIMPLE_HEAD, title=f"{metric.heading}, over trials a style", title_justify="left")
+        table.show_edge = table.pad_edge = False
+        table.add_column(f"median of {curve['draws']} draws (range)", no_wrap=True)
+        for count in curve["trials_per_style"]:
+            table.add_column(str(count), justify="right", no_wrap=True)
+        for method, values in curve["methods"].items():
+            if name not in values:
+                continue
+            ends = zip(*(values[name][end] for end in ("median", "smallest", "largest")), strict=True)
+            cells = [metric.show(m) + ("" if low == high else f" ({metric.show(low)}–{metric.show(high)})")
+                     for m, low, high in ends]  # fmt: skip
+            table.add_row(method_label(method), *cells)
+        console.print(table)
+    for line in curve["advice"]:
+        console.print(line, soft_wrap=True)
 
 
 def _score_table(result: dict[str, Any], title: str, ranges: bool = True) -> Table:

@@ -18,7 +18,13 @@ from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.arm_track import ArmPoints
 from highfive.model.online.contact_forecast import ContactForecast
-from highfive.model.online.reaction import OnlineResponder, Reaction, ReactionModel, SimpleReaction
+from highfive.model.online.reaction import (
+    OnlineResponder,
+    Reaction,
+    ReactionModel,
+    SimpleReaction,
+    probability_of_contact,
+)
 from highfive.model.online.responder import Responder
 from highfive.model.plugins import PluginError, fault
 
@@ -161,6 +167,7 @@ class _Guarded:
             last.time_to_contact_std,
             None if last.contact is None else last.contact.later(seconds),
             last.in_distribution,
+            probability_of_contact(last),
         )
 
     def skip(self, ticks: int) -> None:
@@ -193,6 +200,9 @@ class _Guarded:
         contact: Any = _called(self._title, "contact", lambda: reaction.contact)
         if contact is not None and not isinstance(contact, ContactForecast):
             raise PluginError(f"{self._title}: contact is {type(contact).__name__}; expected a ContactForecast or None")
+        chance: Any = _called(self._title, "contact_probability", lambda: probability_of_contact(reaction))
+        if chance is not None and not (isinstance(chance, float | int) and 0.0 <= chance <= 1.0):
+            raise PluginError(f"{self._title}: contact_probability is {chance!r}; expected 0 to 1, or None")
         familiar: Any = _called(self._title, "in_distribution", lambda: reaction.in_distribution)
         if not isinstance(familiar, bool | np.bool_):
             raise PluginError(f"{self._title}: in_distribution is {type(familiar).__name__}; expected True or False")

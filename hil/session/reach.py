@@ -20,6 +20,7 @@ from enum import Enum
 import numpy as np
 from jaxtyping import Float
 
+from highfive.hil.session.doubt import Doubt
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
@@ -117,6 +118,7 @@ class Expectation:
         deviation: s, its standard deviation.
         familiar: the person's hand does what hands did in training; otherwise the model's word counts for nothing.
         point, covariance: (3,) m and (3, 3) m², where in the world, if the model says.
+        probability: that it is coming at all; None where the model does not say: every raised hand is met.
     """
 
     time: float
@@ -124,6 +126,7 @@ class Expectation:
     familiar: bool
     point: Float[np.ndarray, "3"] | None = None
     covariance: Float[np.ndarray, "3 3"] | None = None
+    probability: float | None = None
 
 
 @dataclass(frozen=True)
@@ -153,6 +156,7 @@ class Reach:
     def __init__(self, settings: ReachSettings | None = None) -> None:
         """Starts idle, and compiles."""
         self.settings = settings or ReachSettings()
+        self._doubt = Doubt()
         x, y, _ = np.eye(3)
         believed(turned(turn_between(x, y), x), 1.0, np.eye(3))
         self.reset()
@@ -171,11 +175,17 @@ class Reach:
         self._turn = np.zeros(3)
         self._touched = self._lost = False
         self._familiar = True
+        self._doubt.reset()
         self._expects = np.inf
         self._told = (0.0, 0.0)
         self._ahead = 0.0
         self._slow = np.zeros((2, 3))
         self._ease = np.zeros((2, 3))
+
+    @property
+    def refused(self) -> bool:
+        """The raised hand is no high five: nothing answers it."""
+        return self._doubt.unlikely and self._phase is Phase.IDLE and not self._doubt.met
 
     def step(
         self, generated: PalmPose, person: PalmPose | None, expectation: Expectation, shoulder: Array, dt: float
@@ -193,6 +203,9 @@ class Reach:
         if person is not None:
             self._observe(generated, person, dt)
         self._familiar = expectation.familiar
+        self._doubt.weigh(expectation.probability, expectation.familiar, dt)
+        if person is not None and self._hangs(person) and _norm(person.velocity) < self.settings.rising:
+            self._doubt.met = False
         expected = self._expected(expectation) if expectation.familiar else _led(person, shoulder, self.settings)
         self._expects = expected
         self._advance(person, expected, dt)
@@ -240,7 +253,7 @@ class Reach:
         gap = self._gap
         if gap is None or person is None:
             return False
-        if self._hangs(person):
+        if self._hangs(person) or not self._doubt.likely:
             return False
         distance = _norm(gap)
         speed = -float(gap @ person.velocity) / max(distance, 1e-9)
@@ -272,6 +285,7 @@ class Reach:
                 target = s.slowest  # the model will know more when the hands are closer
             elif not known and self._far():  # a hand that leaves: back the way it came, or after it while there is time
                 target = -1.0 if self._weight() < 0.5 else s.fastest
+            target = -1.0 if self._doubt.unlikely and self._weight() < 0.5 else target
             self._rate, before = s.next_rate(self._rate, target, dt), self._remaining
             self._remaining -= self._rate * dt
             if person is not None and _norm(person.velocity) > s.quickest:
@@ -279,7 +293,7 @@ class Reach:
             if self._remaining > self._length:
                 self._enter(Phase.IDLE)
             if self._remaining <= 1e-9:
-                self._remaining, self._touched = 0.0, True
+                self._remaining, self._touched, self._doubt.met = 0.0, True, True
                 self._enter(Phase.TOUCH)
         elif self._phase is Phase.TOUCH and self._since >= s.touch - 1e-9:
             self._release()

@@ -28,7 +28,7 @@ from highfive.model.errors import HighFiveError
 from highfive.model.geometry.hinges import hinges_towards
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.trained import HGPDM
-from highfive.model.online.reaction import Reaction, ReactionModel, current_forecast
+from highfive.model.online.reaction import Reaction, ReactionModel, current_forecast, probability_of_contact
 from highfive.model.settings import Settings, setting
 
 RATE_HZ = 120.0
@@ -260,7 +260,7 @@ class Session:
         person, calm_palm = self._steady(person, dt)
         response = self._responder.answer(time_ns)
         familiar = response.in_distribution
-        generated = self._pose(response, familiar, dt)
+        generated = self._pose(response, familiar and not self._reach.refused, dt)
         palm = self._correction.palm_of(generated)
         self._seen_s = self._seen_s + dt if person.valid else 0.0
         seen = person.palm if person.valid and (familiar or self._seen_s >= self._settings.acquaint) else None
@@ -305,8 +305,9 @@ class Session:
         person = self._return(person, dt, ahead)
         return replace(person, palm=self._palm(person.palm, dt)), self._calm_palm(person.palm, dt)
 
-    def _pose(self, response: Reaction, familiar: bool, dt: float) -> Pose:
-        """The model's pose in the style's timing; where the person is a stranger to it, the pose in which it waits."""
+    def _pose(self, response: Reaction, answers: bool, dt: float) -> Pose:
+        """The model's pose in the style's timing; to a stranger, and to a hand that comes for something else than a
+        high five, the pose in which it waits."""
         style = self._responder.style
         waiting = self._timing.waiting(style)
         pose = self._timing.answering(response, style, waiting)
@@ -315,7 +316,7 @@ class Session:
         self._last = pose = Pose(pose.root_in_world, hinges)
         share = 1.0 - math.exp(-dt / self._settings.calming)
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
-        self._trust[0] += share * (float(familiar) - self._trust[0])
+        self._trust[0] += share * (float(answers) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])
         return between(waiting, pose, self._trust[1])
 
@@ -328,7 +329,10 @@ def tick_times(ticks: Sequence[Tick]) -> Array:
 
 
 def _expectation(response: Reaction, familiar: bool) -> Expectation:
-    contact = current_forecast(response)
+    contact, probability = current_forecast(response), probability_of_contact(response)
     if contact is None:
-        return Expectation(response.time_to_contact, response.time_to_contact_std, familiar)
-    return Expectation(contact.time, contact.deviation, familiar, contact.point, contact.covariance[:3, :3])
+        time, deviation = response.time_to_contact, response.time_to_contact_std
+        return Expectation(time, deviation, familiar, probability=probability)
+    return Expectation(
+        contact.time, contact.deviation, familiar, contact.point, contact.covariance[:3, :3], probability
+    )

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from highfive.model.geometry import rotations
+from highfive.model.geometry.arm_chain import ArmChain, arm_chain
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.skeleton import Skeleton, skeleton_from_table
 from highfive.scenes import anthropometry
@@ -20,6 +21,12 @@ def avatar_skeleton() -> Skeleton:
     table = anthropometry.joint_table()
     hinges = {name: anthropometry.hinge_range(name) for name, _, _ in table}
     return skeleton_from_table(table, hinges, anthropometry.REST_DEGREES)
+
+
+@cache
+def avatar_arm() -> ArmChain:
+    """The joints that carry the avatar's right palm."""
+    return arm_chain(avatar_skeleton(), PALM_IN_RIGHT_WRIST)
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import json
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeGuard
 
 _MOST_NAMES, _LONGEST_NAME, _LONGEST_NOTE = 32, 64, 2000
 
@@ -46,7 +46,12 @@ def _yes_or_no(value: Any) -> bool | None:
 
 
 def _name(value: Any) -> str | None:
-    return value if isinstance(value, str) and 0 < len(value) <= _LONGEST_NAME else None
+    return value if _is_text(value) and 0 < len(value) <= _LONGEST_NAME else None
+
+
+def _is_text(value: Any) -> TypeGuard[str]:
+    """A text that can be written: JSON may name halves of characters, which no file and no terminal takes."""
+    return isinstance(value, str) and not any("\ud800" <= sign <= "\udfff" for sign in value)
 
 
 def _weights(value: Any) -> dict[str, float] | None:
@@ -78,7 +83,7 @@ def _rating(value: Any) -> dict[str, Any] | None:
 
 
 def _note(value: Any) -> str | None:
-    return value if isinstance(value, str) and 0 < len(value.strip()) <= _LONGEST_NOTE else None
+    return value if _is_text(value) and 0 < len(value.strip()) <= _LONGEST_NOTE else None
 
 
 COMMANDS: dict[str, Callable[[Any], Any] | None] = {

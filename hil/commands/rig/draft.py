@@ -11,6 +11,7 @@ from highfive.hil.arm.arm_files import limits_of, rig_of
 from highfive.hil.arm_model.arm_folder import ARMS, ArmFolder, find_arm
 from highfive.hil.arm_model.from_mujoco import compiled_body
 from highfive.hil.arm_model.servo_arm import mounted
+from highfive.hil.commands.rig.draft_notes import BY_DUTY, LIMITS_NOTES, RIG_NOTES, noted
 from highfive.hil.drivers.bus.control_table import load_table
 from highfive.hil.runtime.folders import check_file
 from highfive.model.errors import HighFiveError
@@ -77,7 +78,8 @@ def drafted_limits(folder: ArmFolder) -> str:
     tables = []
     for j, joint in enumerate(folder.joints):
         low, high = max(body.low[j], -math.pi) + INSIDE, min(body.high[j], math.pi) - INSIDE
-        tables.append(
+        by_duty = {} if load_table(joint.model).limits_current else BY_DUTY
+        table = (
             f"[joint.{joint.name}]\n"
             f"lowest = {low:.3f}\n"
             f"highest = {high:.3f}\n"
@@ -87,6 +89,7 @@ def drafted_limits(folder: ArmFolder) -> str:
             f"current = {FREE * joint.servo.stall_current:.2f}\n"
             f"contact_current = {currents[j]:.2f}\n"
         )
+        tables.append(noted(table, {**LIMITS_NOTES, **by_duty}))
     text = PATTERN.read_text(encoding="utf-8")
     before, rest = text[text.index("[servo]") :].split("[retract]")
     after = rest[rest.index("[timing]") :]
@@ -97,7 +100,7 @@ def drafted_limits(folder: ArmFolder) -> str:
         "# last: it is where it waits, until you know a pose in which it lies safely without torque.\n"
     )
     path = f"[retract]\npath = [\n    [{ready}],\n    [{ready}],\n]\n\n"
-    return head + "\n".join(tables) + "\n" + before + path + after
+    return head + "\n".join(tables) + "\n" + noted(before + path + after, LIMITS_NOTES)
 
 
 def contact_currents(folder: ArmFolder) -> Array:
@@ -125,17 +128,20 @@ def drafted_rig(folder: ArmFolder) -> str:
     for j, joint in enumerate(folder.joints):
         low, high = np.degrees([max(body.low[j], -math.pi), min(body.high[j], math.pi)])
         shadow = f"shadow_id = {servo + 1}\n" if joint.servos == 2 else ""
-        tables.append(
+        by_duty = {} if load_table(joint.model).limits_current else BY_DUTY
+        table = (
             f'[[joints]]\nname = "{joint.name}"\nmodel = "{joint.model}"\nid = {servo}\n{shadow}'
             f"reversed = false\nzero = 2048\nlimits_deg = [{low:.1f}, {high:.1f}]\n"
             f"current_limit_A = {FREE * joint.servo.stall_current:.2f}\nposition_p_gain = {GAIN}\n"
         )
+        tables.append(noted(table, {**RIG_NOTES, **by_duty}))
         servo += joint.servos
     head = (
         "# Drafted by highfive rig draft. IDs are guessed (highfive rig scan lists them), no joint is reversed, and\n"
         "# zeros are in the middle of the servos' turns; what each entry means: docs/rig.md.\n\n"
     )
-    return f'{head}name = "{folder.name}"\nbaud_rate = 1_000_000\n\n{settings}' + "\n".join(tables)
+    whole = f'name = "{folder.name}"\nbaud_rate = 1_000_000\n\n{settings}'
+    return head + noted(whole, RIG_NOTES) + "\n".join(tables)
 
 
 def print_draft(result: dict[str, Any]) -> None:

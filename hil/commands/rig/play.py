@@ -9,6 +9,7 @@ import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -24,6 +25,7 @@ from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.drivers.priority import going_first
 from highfive.hil.recording.background import BackgroundRecorder
+from highfive.hil.recording.one_recording import unended
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.replay_goals import RecordedHighFives
 from highfive.hil.recording.session_reader import SessionReader, read_session
@@ -97,8 +99,11 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     check_options(options.arm)  # before the session is read, which takes seconds
     if options.view is not None and options.arm.port == VIRTUAL:
         raise HighFiveError("--view shows what goes at the pace of the clock; --port virtual does not: --port emulated")
+    opened = datetime.now(UTC)
     session = read_session(options.session)
     path = session.path
+    if not session.complete:
+        say_aside(f"{path.name} {unended(path, opened)}: played is what there is of it")
     recorded = RecordedHighFives(session)
     chosen = _chosen(options, recorded, path)
     if absent := [number for number in chosen if number not in recorded]:
@@ -275,7 +280,8 @@ def _write_report(
 def print_played(summary: dict[str, Any], folder: Path) -> None:
     """The figures, for people."""
     error, late = summary["error_mm"], summary["time_error_ms"]
-    print(f"{counted(summary['trials'], 'high five')} played on {summary['port']}")
+    until = " until the arm was stopped" if summary["stopped"] else ""
+    print(f"{counted(summary['trials'], 'high five')} played on {summary['port']}{until}")
     if error["median"] is not None:
         print(f"  plate to palm      median {error['median']:.1f} mm, worst {error['max']:.1f} mm")
     if late["median"] is not None:

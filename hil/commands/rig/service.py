@@ -27,7 +27,7 @@ from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import Found, ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS, PortError
 from highfive.hil.drivers.servo_errors import WATCHDOG_TRIPPED, hardware_errors
-from highfive.hil.runtime.console import counted
+from highfive.hil.runtime.console import Bar, counted
 from highfive.model.errors import HighFiveError
 
 PROBED_IDS = range(1, 21)
@@ -50,19 +50,24 @@ class ScanOptions:
         ports: paths; none for all that the system knows.
         bauds: rates to try, in this order; the first at which somebody answers is taken.
         ids: requested.
+        rig: the arm's file; None for its own.
+        arm: whose servos are expected on a port on which somebody answers.
     """
 
     ports: tuple[str, ...] = ()
     bauds: tuple[int, ...] = (1_000_000, 57_600, 2_000_000, 3_000_000, 4_000_000, 115_200)
     ids: Sequence[int] = PROBED_IDS
+    rig: Path | None = None
+    arm: str = DEFAULT_ARM
 
 
-def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) -> dict[str, Any]:
+def scan(options: ScanOptions, bar: Bar) -> dict[str, Any]:
     """What answers on each port: servos, double IDs, the rate; or why nothing does.
 
     Raises:
-        HighFiveError: a port that was named cannot be opened.
+        HighFiveError: a port that was named cannot be opened, or the arm's file cannot be used.
     """
+    rig = named_rig(options.rig, find_arm(options.arm))
     known = serial_ports()
     if options.ports:
         paths = {port.path: port for port in known}
@@ -76,10 +81,10 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
             ServoBus(path, options.bauds[0]).close()
     advance = bar("asking", len(known) * len(options.bauds))
     rows = []
-    for port in known:
+    for number, port in enumerate(known, 1):
         row: dict[str, Any] = {
             "port": port.path, "description": port.description, "latency_ms": port.latency_ms, "advice": port.advice,
-            "baud": None, "servos": [], "double_or_damaged": [], "trouble": "",
+            "baud": None, "servos": [], "double_or_damaged": [], "missing": [], "trouble": "",
         }  # fmt: skip
         rows.append(row)
         for baud in options.bauds:
@@ -94,9 +99,14 @@ def scan(options: ScanOptions, bar: Callable[[str, int], Callable[[], None]]) ->
                 advance()
             row |= {"latency_ms": latency_ms(port.path), "advice": too_slow(port.path)}  # opening it may have mended it
             if found or damaged:
+                answered = {one.servo for one in found} | set(damaged)
+                missing = [{"id": servo, "joint": joint.name} for servo, joint in rig.servos.items()
+                           if servo not in answered]  # fmt: skip
                 row |= {"baud": baud, "servos": [_described(one) for one in found], "double_or_damaged": damaged}
+                row["missing"] = missing
                 break
-    return {"ports": rows}
+        advance(done=number * len(options.bauds))  # the rates that were not tried
+    return {"rig": rig.name, "ports": rows}
 
 
 def _scanned(path: str, baud: int, ids: Sequence[int]) -> tuple[list[Found], list[int]]:
@@ -258,6 +268,9 @@ def print_scan(result: dict[str, Any]) -> None:
             print(f"  ID {servo['id']:<4}{model:<12} firmware {servo['firmware']}, {row['baud']:,} baud")
         for identity in row["double_or_damaged"]:
             print(f"  ID {identity:<4}only damaged answers: two servos may share it")
+        if row["missing"]:
+            names = ", ".join(f"{one['id']} ({one['joint']})" for one in row["missing"])
+            print(f"  no answer of servo {names}, which {result['rig']} has; another arm: --arm NAME")
 
 
 def print_check(result: dict[str, Any]) -> None:

@@ -18,7 +18,6 @@ from highfive.hil.experiments.exclusion import ExclusionRules
 from highfive.hil.experiments.protocol import Block, Mode, Motion, Protocol
 from highfive.hil.experiments.study import session_folder
 from highfive.hil.experiments.study_rows import StudyRows
-from highfive.hil.experiments.trial_row import TrialRow
 from highfive.hil.recording.session_reader import read_session
 from highfive.model.errors import HighFiveError
 
@@ -40,9 +39,11 @@ def methods(study: Path, found: StudyRows, level: float, rules: ExclusionRules |
         level: of all intervals.
         rules: the lab's own exclusions.
     """
+    about = _recorded_with(study, found)
+    shown = bool(about) or not all(row.simulated for row in found.rows)
     parts = [
-        _participants(found), _apparatus(found.protocol, found.rows, _recorded_with(study, found)),
-        _procedure(found.protocol), _answers(found.protocol), _data(found, rules),
+        _participants(found), _apparatus(found.protocol, about) if shown else _nothing_shown(found.protocol),
+        _procedure(found.protocol, shown=shown), _answers(found.protocol), _data(found, rules),
         _analysis(found.protocol, level, simulated=found.simulated),
         _software(found),
     ]  # fmt: skip
@@ -56,20 +57,26 @@ def _participants(found: StudyRows) -> str:
     counted = {row.participant for row in found.counted}
     sessions = {(row.participant, row.session) for row in found.rows}
     kind = "simulated participant" if found.simulated else "participant"
-    return (
+    took_part = (
         f"**Participants.** {_n(len(everybody), kind)} took part in {_n(len(sessions), 'session')}; {len(counted)} "
-        "are in the analysis. [Age, sex, vision, handedness, recruitment, payment.] [The ethics committee of … "
-        "approved "
+        "are in the analysis."
+    )
+    if found.simulated:
+        return f"{took_part} They are programs: nobody was recruited, and no consent was asked for."
+    return (
+        f"{took_part} [Age, sex, vision, handedness, recruitment, payment.] [The ethics committee of … approved "
         f"the study;] all signed version {found.protocol.consent} of the consent form."
     )
 
 
-def _apparatus(protocol: Protocol, rows: Sequence[TrialRow], about: Mapping[str, Any]) -> str:
-    if not about and all(row.simulated for row in rows):
-        return (
-            "**Apparatus.** No avatar was shown and nobody was tracked: simulated participants answered from their "
-            f"plans alone. Styles were {_list([style.name for style in protocol.styles])}."
-        )
+def _nothing_shown(protocol: Protocol) -> str:
+    return (
+        "**Apparatus.** No avatar was shown and nobody was tracked: simulated participants answered from their "
+        f"plans alone. Styles were {_list([style.name for style in protocol.styles])}."
+    )
+
+
+def _apparatus(protocol: Protocol, about: Mapping[str, Any]) -> str:
     motion = (
         "Its motion was generated online by a hierarchical Gaussian process dynamical model, which answered the "
         "participant's hand and brought the avatar's palm to it"
@@ -89,7 +96,7 @@ def _apparatus(protocol: Protocol, rows: Sequence[TrialRow], about: Mapping[str,
     )
 
 
-def _procedure(protocol: Protocol) -> str:
+def _procedure(protocol: Protocol, *, shown: bool) -> str:
     blocks = "; ".join(_block(protocol, block) for block in protocol.blocks)
     parts = (
         f" The {len(protocol.parts)} parts were in the orders of a Williams square between participants."
@@ -104,10 +111,11 @@ def _procedure(protocol: Protocol) -> str:
     practice = f" {_n(protocol.practice, 'practice trial')} of each style came before." if protocol.practice else ""
     replay = (
         " In replays the recorded poses were rendered again in the same scene and at the same rate, in a new order; "
-        "the "
-        f"viewpoint was {_live(protocol.replay.viewpoint, 'the recorded one')} and the participant's arm "
-        f"{_live(protocol.replay.own_arm, 'the recorded one')}. A replay never came right after its source."
-    )
+        f"the viewpoint was {_live(protocol.replay.viewpoint, 'the recorded one')} and the participant's arm "
+        f"{_live(protocol.replay.own_arm, 'the recorded one')}."
+        if shown
+        else " Replays were asked in a new order; nothing was rendered."
+    ) + " A replay never came right after its source."
     replay = replay if any(block.of for block in protocol.blocks) else ""
     timing = protocol.timing
     return (

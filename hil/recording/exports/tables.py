@@ -2,6 +2,7 @@
 
 Metres, seconds of the recording, quaternions w, x, y, z; an empty cell is a value that was not measured, 1 is yes and 0
 no. A row is a tick: one of the person, one of the avatar, one of the markers; and a row a high five of the contacts.
+High fives are counted from 1, as in files' names and in the report.
 """
 
 from __future__ import annotations
@@ -86,7 +87,7 @@ def contact_rows(spans: Iterable[TrialSpan]) -> list[dict[str, Any]]:
         where = where if isinstance(where, list) and len(where) == 3 else [None] * 3
         met_time = _number(contact.get("met_time"))
         rows.append(
-            {"trial": span.number, "start": start, "duration": 1e-9 * (span.end_ns - span.start_ns)}
+            {"trial": span.number + 1, "start": start, "duration": 1e-9 * (span.end_ns - span.start_ns)}
             | {name: span.text(name) for name in _TEXTS}
             | {name: _yes(contact.get(name)) for name in ("met", "out_of_reach")}
             | {"contact_time": None if met_time is None else start + met_time}
@@ -120,7 +121,7 @@ def _tick_table(
                 arrays.times, arrays.phases, np.stack(list(columns.values()), axis=1), strict=True
             ):
                 cells = ",".join(["" if isnan(value) else f"{value:.6g}" for value in row.tolist()])
-                table.write(f"{time:.9f},{trial.span.number},{phase},{cells}\n")
+                table.write(f"{time:.9f},{trial.span.number + 1},{phase},{cells}\n")
 
 
 def _check_same(names: Sequence[str], first: Sequence[str], span: TrialSpan) -> None:
@@ -181,7 +182,7 @@ def _npz(trials: Sequence[ExportTrial], path: Path) -> None:
 def _tick_arrays(arrays: TrialArrays) -> dict[str, NDArray[Any]]:
     """A row a tick."""
     return {
-        "time": arrays.times, "trial": np.full(len(arrays), arrays.span.number, dtype=np.int64),
+        "time": arrays.times, "trial": np.full(len(arrays), arrays.span.number + 1, dtype=np.int64),
         **{f"person_{name}": values for name, values in arrays.points.items()},
         "person_palm_normal": arrays.palm_normal, "person_head_quaternion": arrays.head_orientation,
         "person_valid": arrays.valid, "person_age": arrays.age, "avatar_root": arrays.root,

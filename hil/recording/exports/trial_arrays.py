@@ -177,7 +177,7 @@ class _Reader:
     def rotations(self, topic: str, field: str, *shape: int) -> Array:
         """Unit quaternions (T, …)."""
         values = self.numbers(topic, field, *shape)
-        lengths = np.linalg.norm(values, axis=-1, keepdims=True)
+        lengths = np.linalg.norm(values.clip(-2.0, 2.0), axis=-1, keepdims=True)  # squares of more may have no room
         if (np.abs(lengths - 1.0) > _UNIT).any():
             raise self._wrong(topic, f"{field} is no rotation: its length is not 1")
         return values / lengths

@@ -45,7 +45,8 @@ def test_through_interaction_alone_the_pose_differs_by_what_only_the_hand_says_o
     assert 0.0 < np.abs(one.joints - other.joints).max() < 0.5
 
 
-def test_held_out_trials_of_an_emotion_that_nobody_learned_are_named_and_left_out(capsys: pytest.CaptureFixture[str]):
+def test_held_out_trials_of_an_emotion_that_nobody_learned_are_named_and_left_out(caplog: pytest.LogCaptureFixture):
+    caplog.set_level("INFO", "highfive")
     still, way = np.zeros((4, 3)), np.zeros((4, 9))
 
     def trial(emotion: str, test: bool) -> Trial:
@@ -53,6 +54,6 @@ def test_held_out_trials_of_an_emotion_that_nobody_learned_are_named_and_left_ou
 
     fold = Fold("", (trial("neutral", False), trial("neutral", True), trial("happy", True)))
     assert learned(fold, ["neutral"]) == [1]
-    assert "happy: not learned" in capsys.readouterr().err
+    assert "happy: not learned" in caplog.text
     with pytest.raises(HighFiveError, match="no held-out trial is of an emotion that was learned"):
         refuse_none([fold.trials[index] for index in learned(fold, ["sad"])])

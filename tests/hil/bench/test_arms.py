@@ -58,6 +58,7 @@ def goals_and_body(bus: EmulatedBus, reference: ReferenceTrajectory) -> list[np.
     return rows
 
 
+@pytest.mark.slow
 def test_a_perturbation_of_nothing_is_the_arm_itself_to_the_bit(reference: ReferenceTrajectory) -> None:
     plain = goals_and_body(make_bus(emulator_options(ArmOptions())), reference)
     same = goals_and_body(perturbed_bus(none_of(0), load_rig()), reference)
@@ -93,6 +94,7 @@ def test_a_perturbed_arm_meets_the_hand_and_keeps_the_laws(reference: ReferenceT
     assert outcome.touched and 0.5e-3 < outcome.error < 0.03
 
 
+@pytest.mark.slow
 def test_a_law_can_fail_and_is_then_named_with_its_arm(reference: ReferenceTrajectory) -> None:
     """What an arm did, judged by an envelope that allows a quarter of the speed."""
     limits, rig, planner, laws = load_limits(), load_rig(), default_planner(), Laws()

@@ -38,7 +38,10 @@ def test_frames_are_of_the_truth_late_lost_and_by_a_clock_of_their_own(person: P
     np.testing.assert_allclose(still.std(axis=0).mean(), 0.0005, rtol=0.1)
 
 
-def test_latency_costs_less_where_it_is_made_up_for(person: Partner) -> None:
+@pytest.mark.slow
+def test_latency_costs_less_where_it_is_made_up_for() -> None:
+    """Of a hand that is quick: a slow one is hardly elsewhere after 40 ms."""
+    (person,) = people(("happy",), ("C3",), 0, quiet)
     told, untold = (play(LiveJob(person, System(latency_ms=40.0, reported_ms=ms), 3)) for ms in (40.0, 0.0))
     assert told.touched and untold.touched
     assert told.error < 0.5 * untold.error
@@ -74,18 +77,19 @@ def test_people_whom_nobody_touched_have_no_figures() -> None:
 
 @pytest.mark.slow
 def test_palms_meet_at_any_rate_as_they_do_at_120_hz(capsys: pytest.CaptureFixture[str]) -> None:
-    found = bench_rates(RatesOptions((30.0, 60.0, 100.0, 120.0, 500.0), ("A1", "B2", "C3")), quiet)
+    """The same people at each rate: a median of so few differs by a quarter from that of others like them."""
+    found = bench_rates(RatesOptions((30.0, 60.0, 120.0, 500.0), ("A1", "A3", "B2", "C1", "C3")), quiet)
     print_rates(found)
-    assert capsys.readouterr().out.count("12 of 12") == 5
+    assert capsys.readouterr().out.count("20 of 20") == 4
     usual = found["120"]
     for rate, row in found.items():
-        assert row["touched"] == 12, (rate, row)
+        assert row["touched"] == 20, (rate, row)
         if float(rate) < 60.0:
             assert row["palm_speed_error"] <= 0.03, (rate, row)
             continue
         assert row["palm_speed_error"] <= 0.02, (rate, row)
         for figure in ("contact_error_mm", "time_error_ms"):
-            assert row[figure]["median"] <= 1.2 * usual[figure]["median"], (rate, figure, row)
+            assert row["paired"][figure] <= 0.2 * usual[figure]["median"], (rate, figure, row)
 
 
 def test_the_twin_follows_a_live_system_at_the_pace_of_its_frames(person: Partner) -> None:

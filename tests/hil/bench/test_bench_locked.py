@@ -42,6 +42,7 @@ def test_one_person_is_the_same_every_time_and_wears_markers_elsewhere_than_the_
     assert np.array_equal(one.recording.points, again.recording.points) and np.array_equal(one.palm, again.palm)
 
 
+@pytest.mark.slow
 def test_figures_are_of_the_true_palm_in_the_tick_of_first_touch():
     chosen = [locked_trials()[0], locked_trials()[-1]]
     result = bench_locked(DEFAULT_MODEL, lambda label, total: lambda note="", done=None: None, chosen)

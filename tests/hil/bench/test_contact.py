@@ -82,6 +82,7 @@ def test_the_emulated_rig_meets_hands_as_near_as_recorded() -> None:
     assert len(result["rig"]["missed"]) <= len(baseline()["rig"]["missed"]) + 2
 
 
+@pytest.mark.slow
 def test_the_map_tells_what_was_possible(tmp_path: Path) -> None:
     """One high five, and the same with a hand that is out of reach, or known of too late."""
     reference = reference_trajectories(load_model(DEFAULT_MODEL), ["sad"], ["B2"], 3, quiet)[0]

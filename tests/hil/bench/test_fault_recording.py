@@ -57,6 +57,7 @@ def rewritten(path: Path, stays: Callable[[str, int], bool]) -> None:
         writer.finish()
 
 
+@pytest.mark.slow
 def test_a_topic_that_is_not_there_before_a_kill_breaks_the_law(partner: Partner, tmp_path: Path) -> None:
     run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening("machine killed", 2.0),)), partner), tmp_path)
     run.run()
@@ -86,7 +87,16 @@ def test_a_host_that_stands_still_for_half_a_minute_has_lost_no_cycle(partner: P
     assert not run.laws.broken and run.laws.worst[LOST] == 0.0
 
 
-@pytest.mark.parametrize("kind", ["Ctrl-C", "emergency stop", "host killed", "machine killed", "driver killed"])
+@pytest.mark.parametrize(
+    "kind",
+    [
+        "Ctrl-C",
+        *(
+            pytest.param(kind, marks=pytest.mark.slow)
+            for kind in ("emergency stop", "host killed", "machine killed", "driver killed")
+        ),
+    ],
+)
 def test_what_the_arm_does_on_the_way_back_is_recorded_as_it_comes(kind: str, partner: Partner, tmp_path: Path) -> None:
     run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening(kind, 0.4, phase=RETURNING),)), partner), tmp_path)
     run.run()
@@ -102,7 +112,10 @@ def test_what_the_arm_does_on_the_way_back_is_recorded_as_it_comes(kind: str, pa
         assert trial.back.ticks[-1].report.state in HALTED and kept[-1] == back[-1] - recording.ticks[0]
 
 
-@pytest.mark.parametrize(("kind", "at_s", "law"), [("Ctrl-C", 0.4, LOST), ("host killed", 0.59, BEHIND)])
+@pytest.mark.parametrize(
+    ("kind", "at_s", "law"),
+    [pytest.param("Ctrl-C", 0.4, LOST, marks=pytest.mark.slow), ("host killed", 0.59, BEHIND)],
+)
 def test_a_way_back_that_is_recorded_only_once_it_is_over_breaks_a_law(
     kind: str, at_s: float, law: str, partner: Partner, tmp_path: Path
 ) -> None:
@@ -119,6 +132,7 @@ def test_a_way_back_that_is_recorded_only_once_it_is_over_breaks_a_law(
     assert [law for law, _ in laws.broken] == [law]
 
 
+@pytest.mark.slow(20)
 @pytest.mark.parametrize("at_s", [0.05, 0.3, 0.5])
 @pytest.mark.parametrize("kind", ["Ctrl-C", "emergency stop"])
 def test_a_stop_on_the_way_back_is_recorded_until_the_arm_stands(
@@ -140,6 +154,7 @@ def test_a_stop_on_the_way_back_is_recorded_until_the_arm_stands(
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phase", [FOLLOWING, RETURNING])
 @pytest.mark.parametrize("kind", ["driver killed", "unplug"])
 def test_an_arm_of_which_nothing_is_heard_any_more_ends_its_recording_stopped(

@@ -152,12 +152,21 @@ def test_model_files_that_are_none(highfive, tmp_path: Path) -> None:
         assert_one_line(highfive("simulate", "--model", name), name)
 
 
+def test_a_port_that_was_not_named(highfive) -> None:
+    for command in ("check", "configure", "release"):
+        assert_one_line(highfive("rig", command), "Missing argument 'PORT'. (highfive rig scan lists ports;")
+
+
 def test_sources_that_are_none(highfive, tmp_path: Path) -> None:
     arm = ["human:RSHO", "human:RELB"]
     whole = c3d(tmp_path / "whole.c3d", arm).read_bytes()
     (tmp_path / "empty.c3d").write_bytes(b"")
     (tmp_path / "cut.c3d").write_bytes(whole[: len(whole) // 2])
     (tmp_path / "text.c3d").write_text("this is no C3D file\n" * 100)
+    for name in ("mine.bvh", "mine.trc", "mine.csv"):
+        (tmp_path / name).write_text("HIERARCHY\n")
+        for command in (["track"], ["simulate", "--source"]):
+            assert_one_line(highfive(*command, name), f"{name} is not a C3D file", f"highfive import --human {name}")
     c3d(tmp_path / "unit.c3d", arm, unit="furlong")
     c3d(tmp_path / "large.c3d", arm, scale=1000.0)
     for name in ("absent", "empty", "cut", "text", "unit", "large"):

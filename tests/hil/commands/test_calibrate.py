@@ -83,6 +83,7 @@ def test_the_tracker_knows_a_calibrated_persons_hand_without_having_seen_it(fold
     assert first_frame(folder, folder / "subject.toml") < 0.06
 
 
+@pytest.mark.slow
 def test_track_takes_it_as_subject_and_as_marker_set(folder: Path, result: dict):
     file, own = folder / "tall.c3d", Path(result["out"])
     by_subject = track(TrackOptions(file, subject=own, out=folder / "a"), lambda label, total: lambda: None)

@@ -85,9 +85,9 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ("stream", "reference", "late_ms", "off_ms"),
     [
         ("person", "lsl/plate", 1e3 * PERSON_S, 3.0),
-        ("lsl/EEG", "lsl/plate", 1e3 * EEG_S, 1.1),
-        ("person", "arm", 1e3 * PERSON_S, 3.0),
-        ("lsl/EEG", "arm", 1e3 * EEG_S, 3.0),
+        pytest.param("lsl/EEG", "lsl/plate", 1e3 * EEG_S, 1.1, marks=pytest.mark.slow),
+        pytest.param("person", "arm", 1e3 * PERSON_S, 3.0, marks=pytest.mark.slow),
+        pytest.param("lsl/EEG", "arm", 1e3 * EEG_S, 3.0, marks=pytest.mark.slow),
         ("lsl/EEG", "person", 1e3 * (EEG_S - PERSON_S), 3.0),
     ],
 )
@@ -107,6 +107,7 @@ def test_a_stream_is_found_as_late_as_it_is(
     calibrate_event(EventCalibration(recorded, stream, reference, out=out, overwrite=True))
 
 
+@pytest.mark.slow
 def test_each_latency_is_kept_beside_the_others_and_nonsense_is_one_line(recorded: Path, tmp_path: Path) -> None:
     options = EventCalibration(recorded, "person", "lsl/plate", out=tmp_path / "latencies.toml")
     calibrate_event(options)

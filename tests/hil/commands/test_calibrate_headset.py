@@ -83,9 +83,14 @@ def test_nodding_and_turning_find_the_space_and_the_delay(clock: VirtualClock, t
     ("moves", "said", "message"),
     [
         (Moves(nod=0.02), {}, "did not nod enough"),
-        (Moves(turn=0.02), {}, "did not turn enough"),
-        (Moves(), {"lost": 0.6}, "messages of the headset show its place, expected 70 %: tracking was lost"),
-        (Moves(), {"recentred_s": 12.0}, "was recentred meanwhile"),
+        pytest.param(Moves(turn=0.02), {}, "did not turn enough", marks=pytest.mark.slow),
+        pytest.param(
+            Moves(),
+            {"lost": 0.6},
+            "messages of the headset show its place, expected 70 %: tracking was lost",
+            marks=pytest.mark.slow,
+        ),
+        pytest.param(Moves(), {"recentred_s": 12.0}, "was recentred meanwhile", marks=pytest.mark.slow),
         pytest.param(Moves(), {"worn": False}, "no headset has sent anything", marks=pytest.mark.slow),
     ],
 )
@@ -97,11 +102,13 @@ def test_what_is_too_little_is_refused(
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_markers_that_are_hidden_are_refused(clock: VirtualClock, tmp_path: Path) -> None:
     with pytest.raises(HighFiveError, match="show all markers of the head, expected 70 %"):
         registered(clock, tmp_path / "headset.toml", Moves(), "occlusion=LFHD@0-15")
 
 
+@pytest.mark.slow
 def test_a_registration_of_another_system_or_set_or_of_nothing_is_refused(clock: VirtualClock, tmp_path: Path) -> None:
     out = tmp_path / "headset.toml"
     registered(clock, out)
@@ -142,7 +149,7 @@ def test_a_session_refuses_a_registration_without_a_system(
     assert "beside a motion capture system" in said and not (tmp_path / "session").exists()
 
 
-@pytest.mark.parametrize("moved_m", [0.0, 0.04])
+@pytest.mark.parametrize("moved_m", [pytest.param(0.0, marks=pytest.mark.slow), 0.04])
 def test_drift_is_said_once_and_its_absence_not_at_all(moved_m: float, clock: VirtualClock, tmp_path: Path) -> None:
     """The head as both see it, for ten seconds; the headset's space lies where it was registered, or elsewhere."""
     registered(clock, tmp_path / "headset.toml")

@@ -38,7 +38,10 @@ def clock() -> Iterator[VirtualClock]:
         yield clock
 
 
-@pytest.mark.parametrize(("style", "turned"), [("neutral", 0.0), ("fearful", 2.0), ("angry", -1.0)])
+@pytest.mark.parametrize(
+    ("style", "turned"),
+    [("fearful", 2.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("neutral", 0.0), ("angry", -1.0)))],
+)
 def test_a_labs_recording_becomes_the_motion_that_was_acted(style: str, turned: float, tmp_path: Path) -> None:
     """Wherever in the room, and in whichever direction, the actor stood."""
     motion, worn = turning(style, np.random.default_rng(5)), load_marker_set(AVATAR_SET)
@@ -78,6 +81,7 @@ def shown(run: VirtualStage, row: TrialRow) -> RecordedMotion:
     return recorded_motion(run.folder / row.recording, f"{row.trial}, asked as {row.ask}")
 
 
+@pytest.mark.slow
 def test_the_back_is_shown_until_the_tap_then_the_clip_and_a_replay_shows_both_again(
     clock: VirtualClock, tmp_path: Path
 ) -> None:
@@ -116,6 +120,7 @@ def test_the_back_is_shown_until_the_tap_then_the_clip_and_a_replay_shows_both_a
         assert np.abs(watched.poses[row].hinges - wanted.hinges).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_every_simulated_person_reaches_the_shoulder_that_she_taps() -> None:
     clips = load_clips(SIMULATED, TIPPING)
     for seed, clip in enumerate(clips.values()):

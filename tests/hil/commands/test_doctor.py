@@ -1,13 +1,17 @@
 """highfive doctor: looks at everything, fails for want of nothing."""
 
+import importlib.util
 import json
+import re
 import subprocess
 import sys
+from dataclasses import asdict
+from importlib.metadata import version
 
 from typer.testing import CliRunner
 
 from highfive.hil.cli.main import app
-from highfive.hil.commands.doctor import BROKEN, GOOD, MISSING
+from highfive.hil.commands.doctor import BROKEN, GOOD, MISSING, examine
 
 MACHINE_FIELDS = {"group", "name", "state", "found", "advice"}
 
@@ -27,13 +31,22 @@ def test_everything_that_is_looked_at_is_reported() -> None:
         "OpenGL",
         "vicon://",
         "LSL library",
+        "webcam's nets",
     ):
         assert rows[name]["found"], name
     assert all(row["advice"] for row in rows.values() if row["group"] == "software" and row["state"] == BROKEN)
 
 
+def test_the_webcams_nets_are_there_or_how_to_get_them_is_said() -> None:
+    (row,) = [asdict(one) for one in examine() if one.name == "webcam's nets"]
+    there = importlib.util.find_spec("high_five_webcam") is not None
+    assert row["state"] == (GOOD if there else MISSING)
+    assert "MB in" in row["found"] if there else "high-five[webcam]" in row["advice"]
+
+
 def test_for_people_it_ends_with_what_works() -> None:
     result = CliRunner().invoke(app, ["doctor"])
+    assert re.search(rf"mcap-protobuf-support {{2,}}{version('mcap-protobuf-support')}\n", result.stdout)
     assert result.stdout.splitlines()[-1].startswith("A simulated session works here")
 
 

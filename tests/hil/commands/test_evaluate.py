@@ -6,12 +6,14 @@ import pytest
 from typer.testing import CliRunner
 
 from highfive.hil.cli.main import app
+from highfive.hil.commands.evaluate import EvaluateOptions, after_interruption
 from highfive.hil.sim.people.actors import simulate_pair
 from highfive.hil.sim.people.capture import Defects, record_pair
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.files.trial_table import write_table
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
+from highfive.model.files import UNFINISHED
 
 
 @pytest.fixture
@@ -36,6 +38,17 @@ def run(*arguments: object):
     return CliRunner().invoke(app, ["evaluate", *map(str, arguments)], catch_exceptions=True)
 
 
+def test_an_interrupted_one_says_whether_anything_is_kept(tmp_path: Path):
+    options = EvaluateOptions(out=tmp_path / "out")
+    assert after_interruption(EvaluateOptions()) == ""
+    assert after_interruption(options) == "; nothing is kept yet"
+    (tmp_path / "out" / "models").mkdir(parents=True)
+    (tmp_path / "out" / "models" / f"{UNFINISHED}x").touch()
+    assert after_interruption(options) == "; nothing is kept yet"
+    (tmp_path / "out" / "models" / "hgpdm_0123456789abcdef.safetensors").touch()
+    assert after_interruption(options) == f"; the same command goes on from {tmp_path / 'out' / 'models'}"
+
+
 @pytest.mark.slow
 def test_a_windows_file_gives_scores_of_all_methods(file: Path):
     result = run("--windows", file, "--seeds", 2, "--inducing", 12, "--json")
@@ -49,6 +62,24 @@ def test_a_windows_file_gives_scores_of_all_methods(file: Path):
             assert value <= found["scores"]["mean"][action]
     assert found["smallest"]["mean"] == found["largest"]["mean"]
     assert found["smallest"]["hgpdm"] != found["largest"]["hgpdm"]
+
+
+@pytest.mark.slow
+def test_a_learning_curve_over_sequences_has_each_method_and_goes_on_where_it_was(file: Path, tmp_path: Path) -> None:
+    words = ["--windows", file, "--seeds", 1, "--inducing", 12, "--learning-curve", "2,3,9", "--json"]
+    result = run(*words, "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    curve = json.loads(result.stdout)["learning_curve"]
+    assert curve["trials_per_style"] == [2, 3] and curve["draws"] == 1  # there are three sequences of an action
+    for method in ("hgpdm", "sparse_gp", "knn", "ridge", "mean"):
+        for values in curve["methods"][method].values():
+            assert len(values["median"]) == 2 and values["smallest"] == values["median"] == values["largest"]
+            assert set(values["law"]) == {"floor", "gain", "exponent"}
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "models").iterdir()}
+    again = json.loads(run(*words, "--out", tmp_path / "out", "--overwrite").stdout)
+    assert again["learning_curve"] == curve
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "out" / "models").iterdir()} == kept
+    assert (tmp_path / "out" / "figures" / "over_trials.png").is_file()
 
 
 @pytest.mark.parametrize(
@@ -67,9 +98,15 @@ def test_a_windows_file_gives_scores_of_all_methods(file: Path):
         (["missing"], "cannot read missing/trials.csv"),
         (["{model}"], "alone cannot be scored"),
         (["--windows", "missing.npz"], "not a windows file"),
-        (["--windows", "{model}"], "not a windows file (.npz), or it is cut short"),
+        (["--windows", "{model}"], "no archive of arrays (.npz), or it is cut short"),
         (["{file}", "--out", "/proc/report"], "cannot write to /proc/report"),
         (["{file}", "--preset", "best"], "no preset called"),
+        (["{folder}", "--learning-curve", "3,some"], "expected numbers of trials"),
+        (["{folder}", "--learning-curve", "0,5"], "at least one trial a style"),
+        (["{model}", "{folder}", "--learning-curve", "5"], "leave the model out"),
+        (["{folder}", "--leave-out", "cell", "--learning-curve", "5"], "leave --leave-out out"),
+        (["{file}", "--from", "default"], "not to a windows file"),
+        (["{folder}", "--jobs", "2"], "--jobs needs a folder of trainings"),
     ],
 )
 def test_what_cannot_be_scored_is_said_in_one_line(file: Path, arguments: list[str], message: str):

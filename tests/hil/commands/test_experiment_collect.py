@@ -99,6 +99,7 @@ def test_what_was_sent_of_both_is_what_is_recorded(clock: VirtualClock, tmp_path
         assert both.sum() > 0.8 * len(columns)
 
 
+@pytest.mark.slow
 def test_hands_that_meet_elsewhere_are_asked_again_and_kept_apart(clock: VirtualClock, tmp_path: Path) -> None:
     result = led_by(clock, VirtualSystem(clock, pair("B2")), tmp_path / "data")
     left = CollectionFolder(tmp_path / "data", ASKED).left
@@ -110,6 +111,7 @@ def test_hands_that_meet_elsewhere_are_asked_again_and_kept_apart(clock: Virtual
     assert result["bad"] == len(rejected) and all((tmp_path / "data" / row["file"]).is_file() for row in rejected)
 
 
+@pytest.mark.slow
 def test_a_source_that_dies_ends_it_and_the_same_command_goes_on(clock: VirtualClock, tmp_path: Path) -> None:
     system = VirtualSystem(clock, pair())
     at = clock.now() + 20_000_000_000

@@ -143,6 +143,21 @@ def test_one_person_alone_is_said(run, tmp_path):
     assert "highfive train" not in out and f"highfive simulate --source {tmp_path / 'data' / 'a.c3d'}" in out
 
 
+def test_the_person_alone_is_imported_to_be_played(run, fails, tmp_path):
+    (tmp_path / "people").mkdir()
+    (tmp_path / "none").mkdir()
+    for name in ("a", "b"):
+        skeleton_file(tmp_path / "people" / f"{name}.bvh", "person")
+    code, out, err = run("--human", tmp_path / "people" / "a.bvh", "--to", tmp_path / "one")
+    assert code == 0 and "of one person only" in err and "not to learn from: a.c3d" in err
+    assert f"highfive simulate --source {tmp_path / 'one' / 'a.c3d'}" in out
+    assert read_c3d(tmp_path / "one" / "a.c3d").prefixes == ("human",)
+    assert run("--human", tmp_path / "people", "--to", tmp_path / "two")[0] == 0
+    assert sorted(path.name for path in (tmp_path / "two").iterdir()) == ["a.c3d", "b.c3d", "trials.csv"]
+    assert "there is no .bvh" in fails("--human", tmp_path / "none", "--to", tmp_path / "three")
+    assert "--human FILE alone" in fails("--avatar", tmp_path / "people" / "a.bvh", "--to", tmp_path / "three")
+
+
 def test_doubts_are_refused_until_somebody_says(run, fails, tmp_path):
     (tmp_path / "a.csv").write_text(table([f"P{m}" for m in range(20)], markers().points[:, :20], 120.0))
     to = ("--to", tmp_path / "data")

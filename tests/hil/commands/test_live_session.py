@@ -290,6 +290,7 @@ def test_a_raised_hand_is_no_guess(greeting: Path, clock: VirtualClock) -> None:
         assert not person.placement.guesses and len(person.placement.notes) == 3
 
 
+@pytest.mark.slow
 def test_a_placement_is_kept_for_the_next_session(greeting: Path, tmp_path: Path) -> None:
     """The second session watches nobody; one of another system's placement is refused, and so is a recording's."""
     path = tmp_path / "room.toml"

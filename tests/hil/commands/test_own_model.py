@@ -16,7 +16,7 @@ from highfive.model.hgpdm import presets
 from highfive.model.hgpdm.presets import DEFAULT
 from highfive.model.hgpdm.store import load_model, save_model
 
-NEIGHBOURS = f"{ROOT / 'examples' / 'nearest_neighbours.py'}:fit"
+NEIGHBOURS = f"{ROOT / 'examples' / 'own_model' / 'nearest_neighbours.py'}:fit"
 MODELS = """
 from reaction_models import Standing, misshapen, raises, sleeps, standing
 stands, breaks, grows, dozes = Standing(), Standing(raises), Standing(misshapen), Standing(sleeps)
@@ -87,6 +87,7 @@ def test_one_of_another_skeleton_is_refused_before_there_are_people(tmp_path: Pa
     assert begun == [] and not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_one_that_fails_later_ends_the_session_with_its_report(tmp_path: Path, models: Path) -> None:
     result = simulate(tmp_path / "out", "--model", f"{models}:later", "--trials", 2)
     assert result.exit_code == 1

@@ -81,6 +81,7 @@ def test_palms_meet_and_the_recording_tells_the_same(corrected: tuple[dict[str, 
         assert contact.data["met"] == row["met"]
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_session_bit_for_bit(
     corrected: tuple[dict[str, Any], SessionRecording], tmp_path: Path
 ) -> None:
@@ -93,6 +94,7 @@ def test_a_seed_gives_the_same_session_bit_for_bit(
     assert contacts[0] == contacts[1]
 
 
+@pytest.mark.slow
 def test_another_seed_is_another_person_and_without_correction_palms_are_further_apart(
     corrected: tuple[dict[str, Any], SessionRecording], tmp_path: Path
 ) -> None:
@@ -125,6 +127,7 @@ def test_style_on_the_command_line_and_nonsense_in_it() -> None:
         cli._style("angry=half")
 
 
+@pytest.mark.slow
 def test_a_disk_that_fills_up_ends_the_recording_and_not_the_session(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path, captured_file: Path
 ) -> None:
@@ -195,6 +198,7 @@ def test_ctrl_c_leaves_a_finished_report_and_a_kill_leaves_whole_chunks(tmp_path
     assert len(poses) == len(times) and np.all(np.diff(times) > 0.0)
 
 
+@pytest.mark.slow
 def test_ctrl_c_while_other_processes_work_is_one_line(tmp_path: Path) -> None:
     process = start("capture", "--emotion", "angry", "--out", tmp_path / "data")
     out, err = stop(process, signal.SIGINT, lambda: any((tmp_path / "data").rglob("*.c3d")))
@@ -224,6 +228,20 @@ def test_a_session_in_which_nothing_was_finished_is_reported_without_figures(
     )
     said = capsys.readouterr().out
     assert "0 high fives with a live person" in said and "interrupted" in said
+
+
+def test_figures_of_the_arm_stand_below_those_of_the_session(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    summary = summarise([], SessionSettings(seed=0, model="m", trials=2, source="qtm://here"))
+    arm = {
+        "trials": 2, "broken_off": 1, "unreachable": ["B2"], "missed": 1, "cycles": 90, "missed_cycles": 0,
+        "stopped": "told to", "error_mm": {"median": 2.0, "max": 3.0}, "time_error_ms": {"median": 2.0, "max": 3.0},
+    }  # fmt: skip
+    print_session({**summary, "arm": arm}, tmp_path)
+    lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("  ")]
+    assert len(lines) == 7
+    assert all(line[27] == " " and line[28] != " " for line in lines), lines
 
 
 @pytest.mark.slow

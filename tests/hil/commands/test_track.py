@@ -70,7 +70,10 @@ def test_the_summary_counts_what_was_hidden(reach: Reach, result: dict):
     assert json.loads((Path(result["folder"]) / "report.json").read_text(encoding="utf-8")) == result
 
 
-@pytest.mark.parametrize(("name", "blank"), [("plug_in_gait_upper", {"carrying_angle"}), ("upper_limb", set())])
+@pytest.mark.parametrize(
+    ("name", "blank"),
+    [("plug_in_gait_upper", {"carrying_angle"}), pytest.param("upper_limb", set(), marks=pytest.mark.slow)],
+)
 def test_the_angles_are_the_persons(name: str, blank: set[str], tmp_path: Path):
     """Plug-in Gait has one marker at the elbow, which does not show its axis."""
     reach = simulated_reach(tmp_path / "reach.c3d", name=name, noise=0.0005, frames=300)
@@ -132,6 +135,7 @@ def test_the_report_is_one_whole_page_with_its_pictures_in_it(result: dict):
     assert pictures == ["gaps.png", "joint_angles.png", "residuals.png", "skeleton.png"]
 
 
+@pytest.mark.slow
 def test_what_no_one_can_know_is_left_open(tmp_path: Path):
     """Everything is hidden for a while: no estimate is worth anything, and the gap stays."""
     whole = simulated_reach(tmp_path / "whole.c3d", frames=300)
@@ -211,6 +215,7 @@ def fails(run, tmp_path: Path):
     return fails
 
 
+@pytest.mark.slow
 def test_json_is_one_object(run, tmp_path: Path):
     reach = simulated_reach(tmp_path / "reach.c3d", HAND, frames=120)
     code, out, _ = run(reach.path, "--person", "human:", "--marker-set", "paper", "--json", "--out", tmp_path / "o")
@@ -301,6 +306,7 @@ def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_pat
         assert summary["markers"][name]["disbelieved"] > 40, name
 
 
+@pytest.mark.slow
 def test_frames_of_another_unit_are_not_used_and_told(tmp_path: Path) -> None:
     changed = tmp_path / "changed.c3d"
     simulated_reach(changed, frames=200)

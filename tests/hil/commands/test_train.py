@@ -6,6 +6,7 @@ import json
 import os
 import resource
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -26,7 +27,7 @@ from highfive.model.hgpdm.store import load_model
 
 def options(folder: Path, out: Path, **changes) -> TrainOptions:
     given = {"preset": "default", "inducing": 10, "human": "human", "avatar": "avatar", "human_set": None}
-    given |= {"avatar_set": None, "seed": 0, "overwrite": False}
+    given |= {"avatar_set": None, "seed": 0, "overwrite": False, "distractors": False}
     return TrainOptions(folder, out, **(given | changes))
 
 
@@ -115,14 +116,18 @@ def test_the_summary_says_whether_it_converged_and_what_became_of_each_seed() ->
     result = {
         "model": "m", "trials": 3, "points": 70, "seconds": 1.0, "marker_rms_mm": {"C7": 2.0}, "marker_rms_mm_all": 1.0,
         "objective": -2.5, "steps": 90, "fall_at_the_end": 0.5 * CONVERGED, "converged": True, "starts": starts,
-        "seed": 5,
+        "seed": 5, "more_trials": {}, "whole_arm": True,
     }  # fmt: skip
-    assert len(summary(result)) == 2 and "settled" not in summary(result)[1]
+    assert "by the whole arm" in summary(result)[2] and "the hand alone" in summary(result | {"whole_arm": False})[2]
+    assert len(summary(result)) == 4 and "settled" not in summary(result)[1]
     result |= {"fall_at_the_end": 0.02, "converged": False}
     assert "it fell by 2.00 % over the last tenth" in summary(result)[1]
     assert "it has not settled: --iterations 180" in summary(result)[1]
     starts.append({"seed": 5, "steps": 9, "objective": -2.5, "failure": ""})
-    assert "kept seed 5 of: seed 4 -2.000, seed 5 -2.500" in summary(result)[2]
+    assert "kept seed 5 of: seed 4 -2.000, seed 5 -2.500" in summary(result)[3]
+    assert "cannot be told from so few" in summary(result)[4]
+    result["more_trials"] = {"3": [0.012, 0.01, 0.02]}
+    assert "3 more a style bring the palm 1.2 cm nearer (1.0 to 2.0)" in summary(result)[4]
 
 
 @pytest.fixture(scope="module")
@@ -197,3 +202,43 @@ def test_a_full_disk_is_said_in_one_line(lab: Path, tmp_path: Path, kibibytes: i
     assert ("training goes on, but a kill would lose it" in full.stderr) != kept
     assert ("the same command goes on from" in full.stderr) == kept
     assert [path.name for path in tmp_path.glob("m*")] == ["m.checkpoint.npz"] * kept
+
+
+def test_an_adaptation_takes_no_words_of_a_training_and_needs_a_model(tmp_path: Path) -> None:
+    chosen = options(tmp_path / "no data", tmp_path / "x.safetensors", start="default")
+    for changes in ({"restarts": 2}, {"iterations": 5}, {"whole_arm": True}, {"whole_arm": False}):
+        with pytest.raises(HighFiveError, match="leave --whole-arm, --hand-alone, --restarts and --iterations out"):
+            train(replace(chosen, **changes), lambda label, total: pytest.fail("solves"))
+    with pytest.raises(HighFiveError, match="leave --hosts out"):
+        train(replace(chosen, hosts=("auto",)), lambda label, total: pytest.fail("solves"))
+    with pytest.raises(HighFiveError, match="no model file"):
+        train(replace(chosen, start=str(tmp_path / "none.safetensors")), lambda label, total: pytest.fail("solves"))
+
+
+@pytest.mark.slow
+def test_the_shipped_model_is_adapted_to_a_folder_and_says_what_moved(lab: Path, tmp_path: Path) -> None:
+    out = tmp_path / "adapted.safetensors"
+    done = subprocess.run(command(lab, out, "--from", "default", "--json"), capture_output=True, text=True, check=True)
+    result = json.loads(done.stdout)
+    moved = result["adaptation"]
+    assert result["trials"] == moved["trials"] == 2 and moved["emotions"] == ["neutral"]
+    assert load_model(out).emotions == load_model().emotions
+    assert all(after < before for before, after in (moved["left_out"]["pose"], moved["left_out"]["palm"]))
+    assert "cannot be told from so few" in summary(result)[-1]
+
+
+@pytest.mark.slow
+def test_two_hosts_train_one_model_that_the_first_writes(lab: Path, tmp_path: Path) -> None:
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        hosts = f"127.0.0.1:{free.getsockname()[1]},127.0.0.1"
+    words = ("--hosts", hosts, "--inducing", "10", "--iterations", "3", "--json")
+    both = [
+        subprocess.Popen(
+            command(lab, tmp_path / "m.safetensors", *words, "--process-id", number), stdout=subprocess.PIPE, text=True
+        )
+        for number in ("0", "1")
+    ]
+    first, second = (json.loads(process.communicate(timeout=300)[0].splitlines()[-1]) for process in both)
+    assert first["hosts"] == second["hosts"] == 2 and first["objective"] == second["objective"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.safetensors"]

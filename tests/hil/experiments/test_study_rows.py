@@ -77,11 +77,15 @@ def test_simulated_participants_do_not_count_beside_people_and_have_no_table_by_
     for code in ("P01", "P02"):
         take_part(alone, code, {"interactive": 3}, simulated=True)
     result = analyse(AnalyseOptions(None, study=alone, out=tmp_path / "out"))
-    assert result["table"] is None and "refused" in result["table_refused"] and result["simulated"]
+    assert result["table"] is None and "left out" in result["table_refused"] and result["simulated"]
     assert result["hierarchical"]["mean"] < 0.0
     print_analysis(result)
-    assert "refused" in capsys.readouterr().out
-    assert "refused" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
+    said = capsys.readouterr().out
+    assert said.startswith("Table 1 of the source study is left out: it is of people")
+    for condition, found in result["confusion"].items():
+        for name, one in found["emotions"].items():
+            assert f"{name} {one['correct']} of {one['shown']} right, estimate {one['mean']:.2f}" in said, condition
+    assert "left out" in (tmp_path / "out/report.html").read_text(encoding="utf-8")
 
 
 def test_somebody_who_is_not_through_is_left_out_and_named(folder: Path) -> None:

@@ -97,6 +97,7 @@ def test_a_disk_that_hangs_holds_nobody_and_is_told_once(
     assert not read_recording(cut).complete and read_recording(cut).settings["seed"] == 1
 
 
+@pytest.mark.slow
 def test_a_disk_that_answers_again_has_all_but_what_was_counted(
     pipe: tuple[Path, int], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

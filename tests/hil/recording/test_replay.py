@@ -136,6 +136,7 @@ def both_again(path: Path, person: Partner, corrected: bool) -> Replay:
     return replay
 
 
+@pytest.mark.slow
 def test_a_session_without_correction_is_played_again_to_the_last_bit(person: Partner, tmp_path: Path) -> None:
     without = both_again(recorded_twice(tmp_path / "without.mcap", person, False), person, True)
     assert without.same == without.ticks > 400 and without.differs == []
@@ -145,6 +146,7 @@ def test_a_session_without_correction_is_played_again_to_the_last_bit(person: Pa
     assert never.same < never.ticks and never.differs == ["correction on then, off now"]
 
 
+@pytest.mark.slow
 def test_a_correction_that_was_turned_off_in_one_high_five_is_not_off_in_the_next(
     person: Partner, tmp_path: Path
 ) -> None:

@@ -1,5 +1,7 @@
 """Where high fives begin and end: one rule, for whatever reads a recording."""
 
+from dataclasses import replace
+
 from shipped import shipped_recording
 
 from highfive.hil.recording.exports.export_file import trial_names
@@ -48,6 +50,17 @@ def test_one_that_was_broken_off_has_the_number_of_the_next_and_no_contact():
     assert [(s.number, s.start_ns, s.end_ns) for s in found] == [(3, 0, 8), (3, 9, 16), (4, 20, 20)]
     assert [bool(s.contact) for s in found] == [False, True, False]
     assert trial_names("s", found, ".bvh") == ["s_trial04.bvh", "s_trial04-2.bvh", "s_trial05.bvh"]
+
+
+def test_names_of_files_end_in_the_style():
+    (span,) = spans(("/trial", 0, 3), ("/tick", 0, 3))
+    for about, name in (
+        ({"style": "happy", "emotion": "sad"}, "s_trial04_happy.glb"),
+        ({"style": "", "emotion": "sad"}, "s_trial04_sad.glb"),
+        ({"style": "angry 0.5 + neutral 0.5"}, "s_trial04_angry-0.5-neutral-0.5.glb"),
+        ({"style": "../../x"}, "s_trial04_..-..-x.glb"),
+    ):
+        assert trial_names("s", [replace(span, about=about)], ".glb") == [name]
 
 
 def test_a_trial_that_cannot_be_read_begins_all_the_same():

@@ -120,7 +120,9 @@ def test_the_arm_is_drawn_where_its_joints_are() -> None:
             np.testing.assert_allclose(rotations.rotate(turn, np.array(axis)), wanted, atol=1e-5)
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "vx300s" else pytest.mark.slow) for name in shipped()]
+)
 def test_each_arm_is_drawn_and_shown_where_its_own_kinematics_have_its_plate(name: str) -> None:
     arm = mounted(find_arm(name))
     drawn, cast, rng = Transforms(name), ArmCast(name), np.random.default_rng(6)

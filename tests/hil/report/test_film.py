@@ -10,7 +10,7 @@ import pytest
 from paths import HELPERS
 from trial_results import some_results
 
-from highfive.hil.report.captions import Captions
+from highfive.hil.report.captions import Captions, who_is_who
 from highfive.hil.report.film import FPS, make_film, picture_strips, pixel_of
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.sim.scene import build_scene
@@ -72,6 +72,12 @@ def test_captions_stay_in_their_corners(results):
     changed = np.argwhere((frame != before).any(axis=-1))
     assert changed[:, 0].min() > 270 and len(changed) > 2000
     assert not (frame != before)[:, 300:340].any()
+
+
+def test_captions_say_who_answers_and_in_which_style(results):
+    happy = replace(results[0], style="happy", simulated=False)
+    assert who_is_who(happy, arm=False) == ("avatar: happy", "person")
+    assert who_is_who(replace(happy, style="", simulated=True), arm=True) == ("servo arm", "simulated person")
 
 
 @pytest.mark.parametrize("where", [(320.0, 180.0), (0.0, 0.0), (639.0, 359.0), (-500.0, 100.0), (100.0, 9000.0)])

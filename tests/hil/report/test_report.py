@@ -105,7 +105,9 @@ def test_figures_are_saved_as_pictures(page):
     assert not list(page.parent.rglob("*.partial"))
 
 
-@pytest.mark.parametrize("chosen", [slice(1), slice(4, 5), slice(0)], ids=["one", "no contact", "none"])
+@pytest.mark.parametrize(
+    "chosen", [slice(1), pytest.param(slice(4, 5), marks=pytest.mark.slow), slice(0)], ids=["one", "no contact", "none"]
+)
 def test_any_number_of_trials_has_a_page(chosen, results, tmp_path):
     path = written(tmp_path, results[chosen], interrupted=True)
     text = " ".join(Page(path.read_text()).text)
@@ -121,6 +123,7 @@ def test_a_single_trial_shows_each_figure_once(results, tmp_path):
     assert not (tmp_path / "figures" / "error_by_cell.png").exists()
 
 
+@pytest.mark.slow
 def test_a_mixed_style_has_a_column_for_the_person(results, page, tmp_path):
     mixed = [replace(r, style="angry 0.5 + neutral 0.5") for r in results]
     text = Page(written(tmp_path, mixed, replace(SETTINGS, style={"angry": 0.5, "neutral": 0.5})).read_text()).text
@@ -154,6 +157,7 @@ def test_what_the_correction_did_is_claimed_for_trials_that_met(results):
         assert badge in render_page(summarise(chosen, SETTINGS), SETTINGS, [])
 
 
+@pytest.mark.slow
 def test_nothing_of_an_earlier_session_stays_beside_a_new_report(results, page, tmp_path):
     drawn = {path.stem for path in (page.parent / "figures").iterdir()}
     assert "contact_error" in drawn and drawn <= set(figure_names())
@@ -181,6 +185,7 @@ def test_the_film_is_beside_the_page(results):
     assert Page(text).fetched == ["high five.mp4"]
 
 
+@pytest.mark.slow
 def test_recorded_people_are_compared_with_who_met_them(results, tmp_path):
     facts = {"title": "pair <1>.c3d, A", "cell": "", "emotion": "", "notes": ("floor at z = 3 mm", "turned by 90°")}
     unknown = {name: np.nan for name in ("true_error", "touch_error", "touch_speed")}

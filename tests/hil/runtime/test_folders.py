@@ -68,7 +68,14 @@ READ = {
     *("serve file", "view recording", "track file", "track --subject", "calibrate subject file"),
     *("bench model --peer-python", "bench ablation data", "bench tracker --real", "bench tracker --peers-python"),
     *("bench protocols --file", "bench contact --baseline"),
-    *("rig emulate --rig", "rig check --rig", "rig configure --rig", "rig release --rig", "rig play --rig"),
+    *(
+        "rig emulate --rig",
+        "rig scan --rig",
+        "rig check --rig",
+        "rig configure --rig",
+        "rig release --rig",
+        "rig play --rig",
+    ),
     *("rig follow --rig", "rig follow --limits", "rig follow --calibration", "rig follow --estop", "rig joints --rig"),
     *("rig play session", "rig play --limits", "rig play --estop", "export session", "import files"),
     *("simulate --headset", "simulate --latencies", "calibrate event recording"),
@@ -96,6 +103,7 @@ READ = {
 }
 # A folder or a file, as the format has it, or given by what is read: tested where the command is.
 ELSEWHERE = {
+    "demo --out": "commands/test_demo.py",
     "export --out": "commands/test_export.py",
     "import --to": "commands/test_import.py",
     "calibrate event --out": "commands/test_calibrate_event.py",
@@ -108,7 +116,8 @@ LINKS = {"rig emulate --port-link"}
 KEPT = {"simulate --place", "experiment run --place"}
 
 # Added to, and nothing of it is ever replaced: tests/hil/experiments/test_trial_log.py, datasets/test_collection.py.
-ADDED_TO = {"experiment run --study", "experiment collect --out"}
+# Trainings shared by hosts: tests/hil/evaluation/test_shared_work.py. Inputs by their seed: hil/bench/test_fuzz.py.
+ADDED_TO = {"experiment run --study", "experiment collect --out", "evaluate --models", "bench fuzz --out"}
 
 
 def commands(app: typer.Typer, above: str = "") -> Iterator[tuple[str, object]]:

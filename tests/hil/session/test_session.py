@@ -110,7 +110,9 @@ def test_a_style_changed_on_the_way_makes_no_jump(
 
 
 @pytest.mark.parametrize("emotion", EMOTIONS)
-@pytest.mark.parametrize("before_contact", [0.5, 0.2, 0.0])
+@pytest.mark.parametrize(
+    "before_contact", [0.2, *(pytest.param(seconds, marks=pytest.mark.slow) for seconds in (0.5, 0.0))]
+)
 def test_a_hand_hidden_for_a_while_makes_no_jump(
     start: Callable[[str], Session],
     frames: dict[str, list[MarkerFrame]],
@@ -132,6 +134,7 @@ def test_a_hand_hidden_for_a_while_makes_no_jump(
         assert np.linalg.norm(ours.person.palm.position - theirs.person.palm.position) < 2e-3
 
 
+@pytest.mark.slow
 def test_settings_bound_the_pose_s_speed_and_delay_it(
     model: HGPDM,
     scene: Scene,
@@ -173,6 +176,7 @@ def test_a_sighting_is_the_person_at_the_frame_s_own_time(
     assert max(ahead) > 0.02  # m: a hand that is quick
 
 
+@pytest.mark.slow
 def test_a_stranger_far_away_is_met_with_calm(
     start: Callable[[str], Session], frames: dict[str, list[MarkerFrame]]
 ) -> None:

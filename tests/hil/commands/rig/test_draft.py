@@ -1,6 +1,7 @@
 """An arm of somebody's own, as docs/own_arm.md takes it: drafted, looked at, and on an emulated bus."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -27,6 +28,7 @@ def own(tmp_path: Path) -> Path:
     return Path(shutil.copytree(ROOT / "examples" / "desk_arm", tmp_path / "my arm"))
 
 
+@pytest.mark.slow
 def test_a_draft_is_what_the_arm_can_be_driven_by(draft, own: Path) -> None:
     code, out, _ = draft(own, "--json")
     assert code == 0
@@ -40,7 +42,9 @@ def test_a_draft_is_what_the_arm_can_be_driven_by(draft, own: Path) -> None:
     assert len(result["servos"]) == 6
 
 
-@pytest.mark.parametrize("name", ["desk arm", "wx250s", "openmanipulator_x", "koch_v1_1"])
+@pytest.mark.parametrize(
+    "name", ["desk arm", "wx250s", pytest.param("openmanipulator_x", marks=pytest.mark.slow), "koch_v1_1"]
+)
 def test_drafted_limits_hold_the_arm_up_and_lie_inside_its_stops(draft, own: Path, tmp_path: Path, name: str) -> None:
     """By postures that the draft has not drawn, and by MuJoCo's own gravity in the shipped arms' tests."""
     if name != "desk arm":
@@ -55,6 +59,18 @@ def test_drafted_limits_hold_the_arm_up_and_lie_inside_its_stops(draft, own: Pat
     for joint, driven in zip(rig_of(folder).joints, limits.joints, strict=True):
         assert load_table(joint.model).motor.stall_current > joint.current_limit >= driven.contact_current
         assert joint.lower < driven.lowest and joint.upper > driven.highest
+
+
+def test_each_entry_says_its_unit_and_whether_to_change_it(draft, own: Path) -> None:
+    assert draft(own)[0] == 0
+    for name in ("limits.toml", "rig.toml"):
+        entries = [line for line in (own / name).read_text().splitlines() if re.match(r"[a-zA-Z_]+ = ", line)]
+        assert len(entries) > 40 and all(line.count("  # ") == 1 for line in entries), name
+    text = (own / "rig.toml").read_text()
+    assert "operating_mode = 5  # 5: position with a largest current; keep it, also for servos that cannot" in text
+    for joint in find_arm(str(own)).joints:
+        table = text[text.index(f'name = "{joint.name}"') :].partition("[[joints]]")[0]
+        assert ("a largest duty is made of it" in table) is not load_table(joint.model).limits_current
 
 
 def test_what_is_there_is_kept_and_shipped_arms_are_not_drafted(draft, fails, own: Path) -> None:

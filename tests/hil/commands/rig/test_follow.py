@@ -47,7 +47,9 @@ def test_the_first_line_says_what_there_is() -> None:
     assert last["goal"] == first["goal"]
 
 
-@pytest.mark.parametrize("arm", ["vx300s", "koch_v1_1", "openmanipulator_x"])
+@pytest.mark.parametrize(
+    "arm", ["vx300s", *(pytest.param(name, marks=pytest.mark.slow) for name in ("koch_v1_1", "openmanipulator_x"))]
+)
 def test_the_arm_goes_where_it_is_led(arm: str) -> None:
     """A wave of one joint, thirty goals a second: it follows with its lag, and gets there."""
     options = replace(VIRTUAL, arm=arm)
@@ -95,6 +97,7 @@ def test_a_dead_servo_stops_it() -> None:
     assert answers[-1] == {"stopped": stopped} and len(answers) < 150
 
 
+@pytest.mark.slow
 def test_a_stopped_arm_says_nothing_more() -> None:
     """Answers come from a thread of their own: none follows the last line."""
     for _ in range(20):

@@ -115,6 +115,7 @@ def test_the_page_has_people_as_recorded_and_the_arm_as_it_is(recorded: Path) ->
         assert view.ends
 
 
+@pytest.mark.slow
 def test_what_is_played_is_in_the_file_as_it_comes(recorded: Path, tmp_path: Path) -> None:
     goals, path, killed = RecordedHighFives(read_session(recorded)), tmp_path / "arm.mcap", tmp_path / "killed.mcap"
     about, given, lost_s = SessionSettings(seed=0, model="none", trials=2), list[int](), list[float]()

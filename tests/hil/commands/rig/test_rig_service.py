@@ -43,11 +43,13 @@ def test_servos_are_found_checked_configured_after_asking_checked_again_and_rele
     assert "XM430-W350" in out
     code, out, _ = run("check", factory.port)
     assert code == 1
-    assert "NOT ready" in out and "return_delay_time is 250, not 0" in out
+    assert "NOT ready" in out and "return_delay_time is 250 (0.5 ms), not 0 (0 ms)" in out
     monkeypatch.setattr("typer.confirm", lambda *_, **__: False)
     code, out, err = run("configure", factory.port)
     assert code == 1
-    assert "left as they were" in out and "operating_mode is 3, not 5" in err
+    assert (
+        "left as they were" in out and "operating_mode is 3 (position), not 5 (position with a largest current)" in err
+    )
     code, out, _ = run("configure", factory.port, "--yes")
     assert code == 0 and "written and read back" in out
     code, out, _ = run("check", factory.port, "--json")
@@ -62,6 +64,11 @@ def test_servos_are_found_checked_configured_after_asking_checked_again_and_rele
     code, out, _ = run("release", factory.port, "--yes")
     assert code == 1
     assert "MAY STILL BE ON, servos 4 did not" in out
+    code, out, _ = run("scan", factory.port, "--json")
+    assert code == 1 and json.loads(out)["ports"][0]["missing"] == [{"id": 4, "joint": "elbow"}]
+    code, out, _ = run("scan", factory.port)
+    assert code == 1 and "no answer of servo 4 (elbow), which " in out
+    assert run("scan", factory.port, "--arm", "openmanipulator_x")[1].count("no answer of servo") <= 1
 
 
 @pytest.fixture

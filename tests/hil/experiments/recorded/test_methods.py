@@ -48,4 +48,6 @@ def test_it_is_written_with_the_analysis_and_says_that_nobody_took_part(tmp_path
     analyse(AnalyseOptions(None, study=folder, out=tmp_path / "out"))
     text = (tmp_path / "out" / METHODS).read_text(encoding="utf-8")
     assert "All participants were simulated" in text and "2 simulated participants took part in 2 sessions" in text
+    assert "no consent was asked for" in text and "signed version" not in text and "ethics" not in text
+    assert "nothing was rendered" in text and "rendered again" not in text
     assert "practice, 6" in text and "a filler block, 24" in text

@@ -137,7 +137,7 @@ def test_what_is_said_of_it_names_the_emotion(run, tmp_path) -> None:
 def test_high_fives_without_the_arm_are_left_out(run, tmp_path) -> None:
     with_arm(tmp_path / "s.mcap", absent=2)
     code, out, err = run(tmp_path / "s.mcap", "--to", "lerobot", "--json")
-    assert code == 0 and json.loads(out)["trials"] == [0, 1, 3]
+    assert code == 0 and json.loads(out)["trials"] == [1, 2, 4]
     assert "left out: 1 high five in which the arm did not take part" in err
     check_whole(tmp_path / "s_lerobot")
 

@@ -33,7 +33,7 @@ def test_person_and_avatar_are_as_recorded(folder):
     said = recording.arrays("/person")
     for rows in (person, avatar):
         np.testing.assert_allclose(column(rows, "time"), said["time"], atol=1e-9)
-        np.testing.assert_array_equal(column(rows, "trial"), recording.arrays("/tick")["trial"])
+        np.testing.assert_array_equal(column(rows, "trial"), recording.arrays("/tick")["trial"] + 1)
     for i, axis in enumerate("xyz"):
         np.testing.assert_allclose(column(person, f"wrist_{axis}"), said["wrist"][:, i], atol=1e-9)
         played = recording.arrays("/avatar")["root"][:, i]
@@ -56,7 +56,7 @@ def test_a_marker_that_was_not_measured_has_empty_cells(folder):
 
 def test_contacts_have_a_row_a_high_five(folder):
     rows, said = table(folder, "contacts"), shipped_recording().channels["/contact"]
-    assert [int(row["trial"]) for row in rows] == [0, 1, 2, 3]
+    assert [int(row["trial"]) for row in rows] == [1, 2, 3, 4]
     assert [row["emotion"] for row in rows] == ["neutral", "happy", "angry", "sad"]
     for row, contact in zip(rows, said, strict=True):
         assert bool(int(row["met"])) == contact.data["met"]
@@ -75,7 +75,7 @@ def test_npz_needs_no_pickle_and_holds_the_same(folder):
         np.testing.assert_array_equal(arrays[name], np.concatenate([of(trial) for trial in shipped_trials()]))
     seen = np.concatenate([trial.seen for trial in shipped_trials()])
     np.testing.assert_array_equal(np.isfinite(arrays["markers"]).all(axis=-1), seen)
-    np.testing.assert_array_equal(arrays["trial"], shipped_recording().arrays("/tick")["trial"])
+    np.testing.assert_array_equal(arrays["trial"], shipped_recording().arrays("/tick")["trial"] + 1)
     assert list(arrays["phase"]) == [tick.data["phase"] for tick in shipped_recording().channels["/tick"]]
     assert list(arrays["avatar_joints"]) == list(avatar_skeleton().names)
     assert list(arrays["trials_emotion"]) == ["neutral", "happy", "angry", "sad"]

@@ -3,8 +3,8 @@
 It answers with the mean of the recorded poses that followed the most similar hands. Play it, and score it:
 
     highfive capture --repetitions 2 --out out/captured
-    highfive simulate --model examples/nearest_neighbours.py:fit --data out/captured --trials 4
-    highfive evaluate out/captured --also examples/nearest_neighbours.py:fit
+    highfive simulate --model examples/own_model/nearest_neighbours.py:fit --data out/captured --trials 4
+    highfive evaluate out/captured --also examples/own_model/nearest_neighbours.py:fit
 """
 
 from __future__ import annotations

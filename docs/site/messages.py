@@ -1,0 +1,51 @@
+"""Every message with which the program refuses or stops, found in its source, so that the site's search finds it."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+ROOT = Path(__file__).parents[2]
+ROOMS = ("model", "mocap_bridge", "calibration", "hil")
+_SHORTEST = 12  # letters; what is shorter is no message
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Adds the page."""
+    lines = ["# Messages", "", "What the program says when it refuses or stops, by the part that says it; "
+             "… stands for a name, number or path. What to do is in the message itself; where it is not enough, see "
+             "[when something is wrong](../troubleshooting.md).", ""]  # fmt: skip
+    for path in sorted(one for room in ROOMS for one in (ROOT / room).rglob("*.py")):
+        found = messages(path.read_text(encoding="utf-8"))
+        if found:
+            lines += [f"## `{path.relative_to(ROOT).as_posix()}`", "", *(f"- {text}" for text in found), ""]
+    files.append(File.generated(config, "reference/messages.md", content="\n".join(lines)))
+    return files
+
+
+def messages(source: str) -> list[str]:
+    """What is raised with a text, in order: f-strings with … in place of what they take in."""
+    raised: list[str] = []
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
+            raised += [text for part in node.exc.args for text in texts(part)]
+    shown = dict.fromkeys(" ".join(text.split()) for text in raised)
+    return [f"`{text.replace('`', chr(39))}`" for text in shown if sum(map(str.isalpha, text)) >= _SHORTEST]
+
+
+def texts(node: ast.expr) -> list[str]:
+    """Of an expression: a string, an f-string, either of two, or several that are added."""
+    if isinstance(node, ast.Constant):
+        return [node.value] if isinstance(node.value, str) else []
+    if isinstance(node, ast.JoinedStr):
+        parts = [part.value if isinstance(part, ast.Constant) else "…" for part in node.values]
+        return ["".join(str(part) for part in parts)]
+    if isinstance(node, ast.IfExp):
+        return [*texts(node.body), *texts(node.orelse)]
+    if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
+        left, right = texts(node.left) or ["…"], texts(node.right) or ["…"]
+        return [one + other for one in left for other in right]
+    return []

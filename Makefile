@@ -13,11 +13,11 @@ SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
 unexport PYTHONDONTWRITEBYTECODE
 
 .NOTPARALLEL:
-.PHONY: demo test fast clock slow style check model recording three webcam lerobot format
+.PHONY: demo test fast clock slow sweep style check model docs notebooks dist licences release-check recording three \
+	webcam lerobot format
 
-demo: $(READY)  ## one simulated session: report, film and recording in out/
-	$(BIN)/highfive simulate
-	@echo "See high fives move, in the browser: $(BIN)/highfive view"
+demo: $(READY)  ## high fives in the browser, and a simulated session: report, film and recording in out/
+	$(BIN)/highfive demo
 
 test: fast clock  ## fast tests
 
@@ -32,6 +32,9 @@ slow: $(READY)  ## tests that take long
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 12 -m "slow and not realtime" $(SLOW)
 	$(BIN)/python -m pytest -m "slow and realtime" $(REALTIME)
 
+sweep: $(READY)  ## a thousand schedules of faults, of which CI runs a hundred (20 min on two cores)
+	$(BIN)/highfive bench faults --seeds 1000
+
 style: $(READY)  ## style and types
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -42,6 +45,22 @@ check: style test  ## style, types and fast tests
 model: $(READY)  ## the default model again, from nothing
 	$(BIN)/highfive capture --repetitions 4 --test-repetitions 1 --seed 0 --out out/captured --overwrite
 	$(BIN)/highfive train out/captured --seed 0 --out model/default.safetensors --overwrite
+
+docs: $(READY)  ## the documentation site, in out/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	@echo "open out/site/index.html"
+
+dist: $(READY)  ## wheels and source distributions of the last commit, in dist/; the same commit gives the same bytes
+	$(BIN)/python packaging/dist.py --check
+
+licences: $(READY)  ## the tables of docs/licences.md again
+	$(BIN)/python packaging/licences.py
+
+release-check: $(READY)  ## what is in dist/, tried in new environments of each Python here; takes long
+	$(BIN)/python packaging/try_release.py
+
+notebooks: $(READY)  ## the notebooks of examples/ again, with what comes out
+	$(BIN)/python docs/make_notebooks.py
 
 recording: $(READY)  ## the short recording of `highfive view` again
 	$(BIN)/python docs/make_shipped_recording.py

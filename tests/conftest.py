@@ -11,11 +11,15 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-import jax
 import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 from kept import kept
+
+# What is compiled is kept: for the other workers, for the commands that tests start, and for the next run. JAX looks at
+# where as it is imported.
+os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"))
+os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # hundreds of small ones, too
 
 # A shell that starts the tests in the background has them, and whatever they start, ignore Ctrl-C.
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
@@ -25,10 +29,6 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 settings.register_profile("patient", deadline=None)
 if "CI" not in os.environ:
     settings.load_profile("patient")
-
-# What is compiled is kept: for the other workers, for the commands that tests start, and for the next run.
-os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "jax"))
-os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")  # hundreds of small ones, too
 
 # Of LSL streams this process sees its own, and those of what it starts: other workers have some of the same name.
 _LSL = Path(tempfile.mkdtemp(prefix="highfive-lsl-")) / "lsl_api.cfg"
@@ -47,6 +47,8 @@ CHECKED = [
 ]
 install_import_hook(CHECKED, "beartype.beartype")
 
+import jax  # noqa: E402
+
 from highfive.hil.runtime.threads import use_one_blas_thread  # noqa: E402
 from highfive.mocap_bridge.files.trial_table import read_table, write_table  # noqa: E402
 
@@ -57,11 +59,12 @@ use_one_blas_thread()  # as every session does
 LONGEST = (
     "test_track.py", "test_rig_session.py", "test_simulate.py", "test_responder.py", "test_hierarchy.py",
     "test_stream.py", "test_sparse.py", "test_training.py", "test_fault_schedules.py", "test_kernels.py",
-    "test_report.py", "test_rig_refusals.py", "test_safety_times.py", "test_session.py", "test_own_body.py",
-    "test_arm_loop.py", "test_contact.py", "test_unseen.py", "test_folders.py", "test_forecast.py",
-    "test_bench_locked.py", "test_arms.py", "test_tick.py", "test_lost_samples.py", "test_calibrate.py",
-    "test_tracker.py", "test_retarget.py", "test_emulate.py", "test_actors.py", "test_safety_feed_forward.py",
-    "test_film.py", "test_arm_look.py", "test_compiled.py",
+    "test_folders.py", "test_rig_refusals.py", "test_training_data.py", "test_export.py", "test_safety_times.py",
+    "test_follow.py", "test_tick.py", "test_session.py", "test_replay.py", "test_calibrate_headset.py",
+    "test_arm_loop.py", "test_tracker.py", "test_lost_samples.py", "test_study_rows.py", "test_safety_feed_forward.py",
+    "test_play_view.py", "test_report.py", "test_own_body.py", "test_fault_recording.py", "test_restarts.py",
+    "test_film.py", "test_lerobot.py", "test_calibrate_event.py", "test_experiment_collect.py", "test_recording.py",
+    "test_compiled.py", "test_unseen.py", "test_arms.py", "test_retarget.py",
 )  # fmt: skip
 RANK = {name: rank for rank, name in enumerate(LONGEST)}
 

@@ -27,6 +27,7 @@ STOPWATCHES = {
 """Who measures what computing took; nothing that is played, sent or decided in a session goes by it."""
 
 SLEEPERS = {
+    "hil/evaluation/shared_work.py": "who waits for a training of another process asks again",
     "hil/runtime/clock.py": "the machine's clock",
     "hil/runtime/interrupts.py": "a Ctrl-C that was swallowed is raised again a moment later, in a thread of its own",
     "hil/drivers/emulator/emulator.py": "servos on a pseudo-terminal, which virtual time has not",

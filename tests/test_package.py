@@ -15,7 +15,7 @@ from paths import ROOT
 import highfive
 from highfive.mocap_bridge.files.c3d import write_c3d
 
-MOCAP, WEBCAM = ROOT / "packaging" / "mocap", ROOT / "packaging" / "webcam"
+MOCAP, WEBCAM, LEROBOT = (ROOT / "packaging" / name for name in ("mocap", "webcam", "lerobot"))
 FOLDERS = {"calibration", "hil", "mocap_bridge", "model", "scenes"}
 
 
@@ -27,7 +27,8 @@ def test_package_links_to_the_folders_of_the_checkout() -> None:
 
 def test_all_distributions_have_one_version() -> None:
     versions = [
-        tomllib.loads((folder / "pyproject.toml").read_text())["project"]["version"] for folder in (ROOT, MOCAP, WEBCAM)
+        tomllib.loads((folder / "pyproject.toml").read_text())["project"]["version"]
+        for folder in (ROOT, MOCAP, WEBCAM, LEROBOT)
     ]
     assert len(set(versions)) == 1
     assert f"version: {versions[0]}" in (ROOT / "CITATION.cff").read_text()
@@ -115,7 +116,7 @@ def test_installed_wheel_plays_and_its_examples_run_beside_a_users_own_modules(t
     ]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    for example, arguments in (("respond.py", []), ("session_tick.py", []), ("read_session.py", ["out/session.mcap"])):
+    for example, arguments in (("respond.py", []), ("style_blend.py", []), ("read_session.py", ["out/session.mcap"])):
         script = [str(python), str(ROOT / "examples" / example), *arguments]
         done = subprocess.run(script, cwd=tmp_path, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
@@ -151,6 +152,8 @@ def test_example_package_is_installed_and_streamed_from(tmp_path: Path) -> None:
 def test_wheel_holds_one_top_level_package_and_all_its_files(tmp_path: Path) -> None:
     wheel = wheel_of(ROOT, tmp_path)
     names = set(zipfile.ZipFile(wheel).namelist())
-    assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == {"highfive"}
     files = (path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).rglob("*") if path.is_file())
-    assert {f"highfive/{path}" for path in files if "__pycache__" not in path.parts} <= names
+    ours = {f"highfive/{path}" for path in files if "__pycache__" not in path.parts}
+    assert {name for name in names if ".dist-info/" not in name} == ours | {"highfive/__init__.py", "highfive/py.typed"}
+    licences = {name.partition("/licenses/")[2] for name in names if "/licenses/" in name}
+    assert licences == {"LICENSE", "NOTICE", "highfive/hil/view/page/three-LICENSE.txt"}

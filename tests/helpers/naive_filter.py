@@ -103,7 +103,7 @@ def output(model: HGPDM, below: Array, spread: Array, style: Array) -> Generated
     deviations = np.sqrt(np.diag(carried(avatar_slope, spread[:split, :split], variances)))
     human, slope, variances = predicted(model.human, below[split:])
     human_deviations = np.sqrt(np.diag(carried(slope, spread[split:, split:], variances)))
-    return Generated(avatar, deviations, avatar_slope, human, human_deviations, spread)
+    return Generated(avatar, deviations, avatar_slope, human, human_deviations, spread, np.ones(len(avatar)))
 
 
 def remembered(belief: Belief, newest: Array, gap: int) -> Array:
@@ -156,4 +156,4 @@ def ticked(
     residual = beyond(model, rate, belief.residual, latent, *shown)
     answer = generated(model, latent, covariance, residual, styles[1])
     started, away = belief.started or hand is not None, 0 if hand is not None else belief.away + 1
-    return Belief(latent, covariance, residual, hands, away, answer.human, styles, started), answer
+    return Belief(latent, covariance, residual, hands, away, answer.human, styles, belief.beyond, started), answer

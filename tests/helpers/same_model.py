@@ -20,6 +20,10 @@ def assert_same_model(one: HGPDM, other: HGPDM) -> None:
             before, after = (before.matrix, before.offset), (after.matrix, after.offset)
         if field.name == "contact":
             before, after = (before.posterior, before.scales), (after.posterior, after.scales)
+        if field.name == "task_space" and before is not None and after is not None:
+            before, after = vars(before), vars(after)
+        if field.name == "ensemble" and before is not None and after is not None:
+            before, after = ((one.regression, vars(one.neighbours), one.spread) for one in (before, after))
         before, after = (jax.tree.map(_whole, value, is_leaf=_is_layer) for value in (before, after))
         assert jax.tree.structure(before) == jax.tree.structure(after)
         for a, b in zip(jax.tree.leaves(before), jax.tree.leaves(after), strict=True):

@@ -40,7 +40,8 @@ def send(
         seconds: how long it sends.
         late: share of samples that are held up by ``late_s``; those that are due meanwhile follow all at once.
         late_s: s.
-        lost: share of samples that are never sent; not among the first and last ones, of which nothing can be known.
+        lost: share of samples that are never sent; not among the last ones, nor the first, nor those that would come
+            all at once with a first one that is held up: of these nothing can be known.
         outage: from, to, s: nothing is sent.
         noise_s: standard deviation, s, of the normal distribution whose magnitude each sample is late by besides.
         wander_s: amplitude, s, of a slow wander of the sender's clock.
@@ -49,7 +50,7 @@ def send(
     count = round(rate_hz * seconds)
     due = np.arange(count) / rate_hz
     there = (rng.random(count) >= lost) & ((due < outage[0]) | (due >= outage[1]))
-    there[:2] = there[-5:] = True
+    there[: 2 + round(late_s * rate_hz) * (late > 0.0)] = there[-5:] = True
     held_up = np.zeros(count)
     held_up[rng.permutation(count - 1 - round(3 * late_s * rate_hz))[: round(late * count)]] = late_s
     due += wander_s * np.sin(2.0 * np.pi * due / 7.0) + np.abs(rng.normal(scale=noise_s, size=count)) + held_up

@@ -8,6 +8,7 @@ trial's own, from its first frames alone: what comes later is what a model has t
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -120,7 +121,7 @@ def find_frame(
     levelled = [tuple(level.apply(r) for r in pair) for pair in pairs]
     floor, floor_note = _floor([_body(r, s) for pair in levelled for r, s in zip(pair, sets, strict=True)], settings)
     as_is = scale == 1.0 and not mirrored and bool(np.all(up == [0.0, 0.0, 1.0])) and abs(floor) <= settings.at_floor
-    if as_is and _in_world([_starts(*pair, people, actors, settings) for pair in pairs], settings):
+    if as_is and _in_world(_known_starts(pairs, people, actors, settings), settings):
         return replace(level, in_world=True, notes=("the recordings are in the avatar's world already",))
     notes += [up_note, floor_note, "each trial begins with the actor at the origin, the person ahead"]
     return replace(level, floor=floor, notes=tuple(notes))
@@ -136,7 +137,7 @@ def place_trial(
     """A levelled pair with the actor's pelvis above the origin at the start and the person in the direction of +x.
 
     Raises:
-        HighFiveError: the two are never seen together.
+        HighFiveError: pelvis, hips or head of the two are never seen together.
     """
     here, angle = _starts(person, actor, people, actors, settings)
     turn = rotations.from_axis_angle("z", -angle)
@@ -262,7 +263,8 @@ def _starts(
     one, other = _body(person, people), _body(actor, actors)
     together = np.flatnonzero(np.isfinite(one.centre + other.centre).all(axis=1))
     if not len(together):
-        raise HighFiveError(f"{actor.source} never shows both people at once; the trial cannot be placed")
+        where = "the pelvis, the hips or the head of both people at once"
+        raise HighFiveError(f"{actor.source} never shows {where}; the trial cannot be placed")
     first = together[: max(1, round(settings.start * actor.rate_hz))]
     here, there = other.centre[first].mean(axis=0), one.centre[first].mean(axis=0)
     ahead = there - here
@@ -272,8 +274,21 @@ def _starts(
     return here, float(np.arctan2(ahead[1], ahead[0]))
 
 
+def _known_starts(
+    pairs: Sequence[Pair], people: MarkerSet, actors: MarkerSet, settings: PairFrameSettings
+) -> list[tuple[Array, float]]:
+    """Of the trials that show where both stand; one of which that is not known is a matter for itself."""
+    starts = []
+    for pair in pairs:
+        with suppress(HighFiveError):
+            starts.append(_starts(*pair, people, actors, settings))
+    return starts
+
+
 def _in_world(starts: Sequence[tuple[Array, float]], s: PairFrameSettings) -> bool:
     """The actors stand at the origin and have the person in the direction of +x, with few exceptions."""
+    if not starts:
+        return False
     away = np.array([np.hypot(*here[:2]) for here, _ in starts])
     angle = np.abs([angle for _, angle in starts])
     usual = np.median(away) <= s.at_origin and np.median(angle) <= s.ahead

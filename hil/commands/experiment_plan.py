@@ -13,7 +13,7 @@ from rich.table import Table
 
 from highfive.hil.experiments.balance import check_balance, resized
 from highfive.hil.experiments.plan import Plan, draw_plans
-from highfive.hil.experiments.protocol import Motion, Protocol
+from highfive.hil.experiments.protocol import Mode, Motion, Protocol
 from highfive.hil.experiments.protocol_file import read_protocol
 from highfive.hil.experiments.study import PROTOCOL, check_plans, has_run, write_study, write_template
 from highfive.hil.report import plan_figure
@@ -104,6 +104,7 @@ def _result(protocol: Protocol, plans: Sequence[Plan], new: Sequence[Plan], stud
         "styles": [style.name for style in protocol.styles],
         "blocks": {block.name: _block(protocol, block.name) for block in protocol.blocks},
         "trials": len(plans[-1].trials),
+        "compares": protocol.morph is not None or any(block.mode is Mode.OWN_REPLAY for block in protocol.blocks),
         "notes": _notes(protocol),
         "participants": [
             {
@@ -157,7 +158,8 @@ def print_plan(result: dict[str, Any]) -> None:
         say(note)
     say(f"{result['experiment']}: {counted(result['trials'], 'trial')} a participant, practice included")
     say(f"plans: {result['study']}, picture: {result['picture']}")
-    say(f"whether that is enough people: highfive experiment power {Path(result['study']) / PROTOCOL}")
+    if result["compares"]:
+        say(f"whether that is enough people: highfive experiment power {Path(result['study']) / PROTOCOL}")
 
 
 def print_template(result: dict[str, Any]) -> None:

@@ -34,7 +34,8 @@ def partners_of(
     emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:
-            raise HighFiveError(f"unknown emotion {emotion!r}; the model knows {', '.join(model.emotions)}")
+            mixture = "; a mixture goes by --style" if "=" in emotion else ""
+            raise HighFiveError(f"unknown emotion {emotion!r}; the model knows {', '.join(model.emotions)}{mixture}")
     if options.style is not None:
         style_weights(options.style, model.emotions)
     if options.trials is not None and options.trials < 1:

@@ -116,6 +116,11 @@ def _setting(result: dict[str, Any]) -> str:
     """What was trained on what, in a sentence."""
     seeds = "one seed" if result["seeds"] == 1 else f"{result['seeds']} seeds"
     what = f"Preset {result['preset']}, {result['inducing']} inducing inputs per layer and for the sparse GP, {seeds}"
+    if result.get("model"):
+        what = (
+            f"hGPDM is {result['model']} as it stands, trained before, on other trials than the regressions or on "
+            f"these; a trial that it was trained on flatters it. Sparse GP: {result['inducing']} inducing inputs"
+        )
     if "windows" in result:
         return f"{what}; {result['points']} training windows."
     if result.get("leave_out"):

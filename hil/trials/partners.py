@@ -168,7 +168,8 @@ def recorded_partner(
     whole = resample(read_c3d(path), RATE_HZ)
     person = whole.person(human)
     marker_set = marker_set or find_marker_set(person.names)
-    others = [prefix for prefix in whole.prefixes if prefix and prefix != (human or "").removesuffix(":")]
+    # Who is not called anything is the only one there is.
+    others = [] if human is None else [one for one in whole.prefixes if one and one != human.removesuffix(":")]
     other = _other(whole, others, marker_set)
     placement = place_person(person, marker_set, other)
     person, other = placement.apply_to(person), None if other is None else placement.apply_to(other)

@@ -20,7 +20,7 @@ from highfive.mocap_bridge.sources.address import is_live
 
 MM, MS = 1e3, 1e3
 FAR_OFF_MM = 100.0
-"""mm before correction beyond which the model did not answer the hand: if palms met, the correction did all of it."""
+"""mm before correction beyond which the model was far from the hand: if palms met, the correction did all of it."""
 _FINGERS = ("palm", "thumb", "index", "middle", "ring", "little")
 
 
@@ -197,12 +197,13 @@ def _warnings(results: Sequence[TrialResult], corrected: bool) -> list[str]:
     before = [MM * result.uncorrected_error for result in known]
     met = sum(result.contact.met for result in far)
     if len(known) == 1:
-        said = f"Before correction the avatar's palm was {before[0]:.0f} mm off: the model did not answer this hand"
+        off = f"{before[0]:.0f} mm off at the nearest"
+        said = f"Before correction the avatar's palm was {off}: the model was far from this hand"
     else:
         said = (
-            f"Before correction the avatar's palm was over {FAR_OFF_MM:.0f} mm off in {len(far)} of {len(known)} "
-            f"trials (median of all {np.median(before):.0f} mm, largest {max(before):.0f}): there the model did not "
-            "answer the hand"
+            f"Before correction the avatar's palm was over {FAR_OFF_MM:.0f} mm off at the nearest in {len(far)} of "
+            f"{len(known)} trials (median of all {np.median(before):.0f} mm, largest {max(before):.0f}): there the "
+            "model was far from the hand"
         )
     if not met:
         return [f"{said}, and the palms did not meet."]

@@ -103,7 +103,7 @@ def trial_name(row: Row) -> str:
     known = ", ".join(row[name] for name in ("style", "cell") if row.get(name))
     if "trial" not in row:
         return known
-    return f"trial {row['trial']}" + (f" ({known})" if known else "")
+    return f"trial {row['trial'] + 1}" + (f" ({known})" if known else "")
 
 
 def _felt(row: Row) -> str:

@@ -43,8 +43,8 @@ INDICES = ("trial", "emotion")
 ARM_FEATURES = tuple(field.name for field in fields(ArmFeatures))
 NEIGHBOURS = tuple(field.name for field in fields(Neighbours))
 
-# What the library raises: the last three where NumPy has no such type (bfloat16, …), or there is no room.
-_UNREADABLE = (SafetensorError, TypeError, AttributeError, MemoryError)
+# What the library raises: the others where NumPy has no such type (bfloat16, …) or shape, or there is no room.
+_UNREADABLE = (SafetensorError, TypeError, AttributeError, ValueError, MemoryError)
 # What values make that have another type, shape or size than a model's.
 _MALFORMED = (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError)
 

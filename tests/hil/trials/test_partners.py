@@ -1,5 +1,6 @@
 """Who raises a hand: the same people for a seed, cells and emotions in turn, real people before the avatar."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -65,6 +66,16 @@ def test_a_real_person_stands_before_the_avatar(recordings: Path, human: str, re
     assert partner.recording.points[k][partner.recording.valid[k]][:, 0].mean() > palm[k, 0]
     assert np.all(hand[k, :, 2] > 0.9)
     assert partner.notes
+
+
+def test_the_only_person_of_a_file_is_not_her_own_partner(partners: list[Partner], tmp_path: Path) -> None:
+    alone = partners[0].recording
+    path = tmp_path / "alone.c3d"
+    write_c3d(path, replace(alone, names=tuple(f"human:{name}" for name in alone.names)))
+    found, named = (recorded_partner(path, human, None, "neutral") for human in (None, "human"))
+    assert found.other_palm is None
+    assert found.notes == named.notes
+    np.testing.assert_array_equal(found.recording.points, named.recording.points)
 
 
 def test_several_people_in_a_file_and_none_requested_is_one_line(tmp_path: Path) -> None:

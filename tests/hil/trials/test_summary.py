@@ -123,7 +123,7 @@ def test_a_median_hides_no_trial_that_was_not_answered_and_only_what_met_was_cor
     errors = (0.04, 0.05, 0.06, 0.301, 0.402)  # the last one did not meet
     mixed = [replace(r, uncorrected_error=e) for r, e in zip(results, errors, strict=True)]
     (warning,) = summarise(mixed, SETTINGS)["warnings"]
-    assert "over 100 mm off in 2 of 5 trials (median of all 60 mm, largest 402)" in warning
+    assert "over 100 mm off at the nearest in 2 of 5 trials (median of all 60 mm, largest 402)" in warning
     assert "correction did all of it in the 1 of them in which the palms met" in warning
     (warning,) = summarise(mixed[4:], SETTINGS)["warnings"]
     assert "402 mm off" in warning and "did not meet" in warning and "correction did" not in warning
@@ -136,7 +136,7 @@ def test_a_miss_says_which_trials_and_why(results):
     assert all(bool(t.why) == (t.met is not True) for t in listed)
     whys = {t.what: t.why for t in listed}
     worst = whys["played palm from the true palm at first touch, largest"]
-    assert "trial 2 (angry, B2) 40.00 mm" in worst and "off, by 30.0 mm" in worst
+    assert "trial 3 (angry, B2) 40.00 mm" in worst and "off, by 30.0 mm" in worst
     assert "machine's timing" in whys["one tick, half of all"]
 
 

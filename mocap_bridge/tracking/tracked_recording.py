@@ -13,12 +13,11 @@ from highfive.mocap_bridge.files.recording import Recording
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.one_person import read_person
 from highfive.mocap_bridge.tracking.chain import segment_order
+from highfive.mocap_bridge.tracking.gaps import BLIND, bridged
 from highfive.mocap_bridge.tracking.human_arm import HumanArmEstimator
 from highfive.mocap_bridge.tracking.joint_angles import ANGLES
 from highfive.mocap_bridge.tracking.tracker import RestartSettings, Tracker
 from highfive.model.geometry.rotations import Array
-
-_BLIND = 1e12  # m², variance of an estimate that is not valid
 
 
 @dataclass(frozen=True)
@@ -109,8 +108,9 @@ def track_recording(
 ) -> TrackedRecording:
     """Runs a recording of one person through the tracker, every frame at the recording's own rate.
 
-    Where a marker is hidden, a second run, from the end to the beginning, tells what came after; both estimates count
-    by their precision.
+    Where a marker is hidden, a second run, from the end to the beginning, tells what came after, and a spline through
+    what was seen of the marker itself asks no skeleton. All three count by their precision: the spline where a gap is
+    short or the skeleton does not explain this person, the runs where it is long.
 
     Args:
         recording: of one person, labels without a prefix.
@@ -123,8 +123,11 @@ def track_recording(
     filled, usable = forward.positions, forward.valid
     if passes(recording, marker_set) == 2:
         back = _run(recording, marker_set, range(count - 1, -1, -1), advance)
-        share = 1.0 / forward.variances / (1.0 / forward.variances + 1.0 / back.variances)
-        filled = share[..., None] * forward.positions + (1.0 - share[..., None]) * back.positions
+        spline, variances = bridged(measured, there & forward.seen & back.seen, recording.rate_hz)
+        # What the skeleton does not explain is the same in both runs: each counts half.
+        precisions = 1.0 / np.stack([2.0 * forward.variances, 2.0 * back.variances, variances])
+        positions = np.stack([forward.positions, back.positions, spline])
+        filled = (precisions[..., None] * positions).sum(axis=0) / precisions.sum(axis=0)[..., None]
         usable = forward.valid | back.valid
     segments, parents = _tree(marker_set)
     away = np.linalg.norm(measured - forward.positions, axis=-1)
@@ -180,7 +183,7 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
     found = _Pass(
         positions=np.zeros((count, markers, 3)),
         skeleton=np.full((count, markers, 3), np.nan),
-        variances=np.full((count, markers), _BLIND),
+        variances=np.full((count, markers), BLIND),
         seen=np.zeros((count, markers), dtype=bool),
         valid=np.zeros((count, markers), dtype=bool),
         angles=np.full((count, len(ANGLES)), np.nan),
@@ -197,7 +200,7 @@ def _run(recording: Recording, marker_set: MarkerSet, order: Iterable[int], adva
             tracked.valid,
         )
         variance = np.trace(tracked.covariances, axis1=1, axis2=2)
-        found.variances[number] = np.where(tracked.valid, np.maximum(variance, 1e-12), _BLIND)
+        found.variances[number] = np.where(tracked.valid, np.maximum(variance, 1e-12), BLIND)
         if (pose := tracker.pose) is not None:
             found.centres[number], found.skeleton[number] = pose[1], tracker.skeleton_markers
             ahead = pose[2][facing][:, 0]

@@ -277,20 +277,23 @@ def test_real_recordings_are_tracked(recordings: Path, tmp_path: Path, file, per
 
 
 @pytest.mark.data
-def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(recordings: Path, tmp_path: Path):
-    """The hand trio of a real person, hidden for 300 ms at a time: the truth is what was left out."""
+@pytest.mark.parametrize(("hidden", "off"), [(12, 0.015), (36, 0.045)])
+def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(
+    recordings: Path, tmp_path: Path, hidden: int, off: float
+):
+    """The hand trio of a real person, hidden for 100 and 300 ms at a time: the truth is what was left out."""
     whole = read_c3d(recordings / "markers" / "85_12.c3d").person("Male")
     part = slice(600, 1320)
     valid = whole.valid[part].copy()
     trio = [whole.names.index(name) for name in ("RWRA", "RWRB", "RFIN")]
     for start in range(60, 660, 90):
-        valid[start : start + 36, trio] = False
+        valid[start : start + hidden, trio] = False
     write_c3d(tmp_path / "cut.c3d", make_recording(whole.rate_hz, whole.names, whole.points[part], valid))
     result = track(TrackOptions(tmp_path / "cut.c3d", out=tmp_path / "out"), quiet)
     filled = read_c3d(filled_file(result))
     error = np.linalg.norm(filled.points - whole.points[part], axis=-1)[~valid]
     assert filled.valid.all()
-    assert np.sqrt((error**2).mean()) < 0.05
+    assert np.sqrt((error**2).mean()) < off
 
 
 def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_path: Path) -> None:

@@ -134,7 +134,8 @@ class _Cache(FunctionCache):
             return
         _COMPILED_HERE.add(f"{self._py_func.__module__.rpartition('.')[2]}.{self._py_func.__name__}")
         self._stamp()
-        super().save_overload(sig, data)
+        with suppress(OSError):  # a disk that is full: the code works, and the next process compiles it again
+            super().save_overload(sig, data)
 
     def _stamp(self) -> None:
         if not self._stamped:

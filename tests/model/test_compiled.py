@@ -83,6 +83,16 @@ with when_compiling(lambda: print("compiling")):
 """
 
 
+def test_machine_code_for_which_the_disk_has_no_room_works_and_is_not_kept(tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n{PROGRAM}")
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, check=False, env=environment)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.split()[-2:] == ["42.0", "42.0"]
+    assert not list(tmp_path.rglob("*.nbc"))
+
+
 def test_what_is_only_loaded_is_not_told_as_compiled(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)

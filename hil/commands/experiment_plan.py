@@ -13,7 +13,7 @@ from rich.table import Table
 
 from highfive.hil.experiments.balance import check_balance, resized
 from highfive.hil.experiments.plan import Plan, draw_plans
-from highfive.hil.experiments.protocol import Mode, Motion, Protocol
+from highfive.hil.experiments.protocol import Motion, Protocol
 from highfive.hil.experiments.protocol_file import read_protocol
 from highfive.hil.experiments.study import PROTOCOL, check_plans, has_run, write_study, write_template
 from highfive.hil.report import plan_figure
@@ -104,7 +104,7 @@ def _result(protocol: Protocol, plans: Sequence[Plan], new: Sequence[Plan], stud
         "styles": [style.name for style in protocol.styles],
         "blocks": {block.name: _block(protocol, block.name) for block in protocol.blocks},
         "trials": len(plans[-1].trials),
-        "compares": protocol.morph is not None or any(block.mode is Mode.OWN_REPLAY for block in protocol.blocks),
+        "compares": protocol.morph is not None or bool(protocol.shown_again),
         "notes": _notes(protocol),
         "participants": [
             {

@@ -13,7 +13,7 @@ from rich.table import Table
 
 from highfive.hil.experiments.analysis.power import PowerSettings, people_needed, power_of_pse_shift, power_of_rates
 from highfive.hil.experiments.analysis.pse_error import adaptive_error, constant_error
-from highfive.hil.experiments.protocol import Mode, Protocol
+from highfive.hil.experiments.protocol import Protocol
 from highfive.hil.experiments.protocol_file import read_protocol
 from highfive.hil.runtime.console import STDOUT, Bar, say
 from highfive.model.errors import HighFiveError
@@ -116,9 +116,8 @@ def _check(options: PowerOptions, protocol: Protocol | None, morphs: bool) -> No
 
 
 def _compared_blocks(protocol: Protocol) -> list[str]:
-    """Interactive blocks that are shown again to the same person."""
-    again = {block.of for block in protocol.blocks if block.mode is Mode.OWN_REPLAY}
-    blocks = [block.name for block in protocol.sources if block.name in again]
+    """Names of the blocks that are shown again to the same person."""
+    blocks = [block.name for block in protocol.shown_again]
     if not blocks:
         raise HighFiveError(
             f"{protocol.name} shows nobody her own trials again: there is nothing to compare; add a block with mode "

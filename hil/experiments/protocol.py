@@ -216,6 +216,12 @@ class Protocol:
         return [block for block in self.blocks if block.mode is Mode.INTERACTIVE and not block.filler]
 
     @property
+    def shown_again(self) -> list[Block]:
+        """Interactive blocks that are shown again to the same person: what a study compares."""
+        again = {block.of for block in self.blocks if block.mode is Mode.OWN_REPLAY}
+        return [block for block in self.sources if block.name in again]
+
+    @property
     def adaptive(self) -> bool:
         """Whether weights are chosen while a block runs."""
         return self.morph is not None and self.morph.adaptive

@@ -119,7 +119,8 @@ def _setting(result: dict[str, Any]) -> str:
     if result.get("model"):
         what = (
             f"hGPDM is {result['model']} as it stands, trained before, on other trials than the regressions or on "
-            f"these; a trial that it was trained on flatters it. Sparse GP: {result['inducing']} inducing inputs"
+            "these; a trial that it was trained on flatters it. "
+            f"Sparse GP: {result['inducing']} inducing inputs, {seeds}"
         )
     if "windows" in result:
         return f"{what}; {result['points']} training windows."

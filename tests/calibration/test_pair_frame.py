@@ -64,6 +64,12 @@ def test_a_trial_that_does_not_show_where_the_person_stands_is_a_matter_for_itse
         place_trial(*elsewhere[1], CENTRES, CENTRES)
 
 
+def test_a_trial_that_never_shows_both_is_refused():
+    blind = replace(PAIR[0], valid=np.zeros_like(PAIR[0].valid))
+    with pytest.raises(HighFiveError, match="of both people at once"):
+        place_trial(blind, PAIR[1], CENTRES, CENTRES)
+
+
 def test_a_tilted_room_is_put_upright():
     tilt = rotations.to_matrix(rotations.from_axis_angle("y", 0.6))
     tilted = tuple(moved(r, 1.0, tilt, 0.0, np.zeros(3)) for r in PAIR)

@@ -87,7 +87,7 @@ def started(arguments: Sequence[str], folder: Path, shows: str | None = None) ->
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(folder)
-        os.environ.update(COLUMNS="200", TERM="dumb", PYTHONWARNINGS="ignore")
+        os.environ.update(COLUMNS="200", TERM="xterm", PYTHONWARNINGS="ignore")
         os.execv(sys.executable, [sys.executable, "-c", MAIN, *arguments])
     shown, first, memory = "", None, 0.0
     try:

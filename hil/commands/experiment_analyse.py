@@ -22,9 +22,8 @@ from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, int
 from highfive.hil.experiments.recorded.methods import methods
 from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
 from highfive.hil.experiments.study_rows import answers_of, codes, study_rows, tidy_rows
-from highfive.hil.report.page import write_file
 from highfive.hil.runtime.console import Bar
-from highfive.hil.runtime.folders import results_folder
+from highfive.hil.runtime.folders import results_folder, write_file
 from highfive.model.errors import HighFiveError
 
 OVERALL = "overall"

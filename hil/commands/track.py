@@ -14,11 +14,9 @@ from rich.table import Table
 from highfive.calibration.personal_set import personal_set
 from highfive.hil.commands.stream.arm import prepare_tracker
 from highfive.hil.datasets.fitted_subject import fitted_subject
-from highfive.hil.report.page import write_file
-from highfive.hil.report.track_report import write_track_report
 from highfive.hil.report.track_summary import angle_rows, summarise_track
 from highfive.hil.runtime.console import STDOUT, Bar, counted, say_aside
-from highfive.hil.runtime.folders import next_folder, results_folder
+from highfive.hil.runtime.folders import next_folder, results_folder, write_file
 from highfive.mocap_bridge.files.c3d_fill import write_filled
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.one_person import OnePerson, read_person
@@ -86,6 +84,8 @@ def _track(options: TrackOptions, folder: Path, bar: Bar) -> dict[str, Any]:
     }  # fmt: skip
     _write_angles(folder / ANGLES_FILE, tracked)
     _write_filled(folder / filled, person, tracked)
+    from highfive.hil.report.track_report import write_track_report  # noqa: PLC0415 (matplotlib: not before it is needed)
+
     write_track_report(folder, summary, tracked, _command(options, folder))
     return summary
 

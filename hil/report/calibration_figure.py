@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from highfive.hil.report.drawing import FAINT, INK, Drawing, draw, new_figure, to_png
-from highfive.hil.report.page import write_file
+from highfive.hil.runtime.folders import write_file
 from highfive.model.geometry.rotations import Array
 
 MM = 1e3

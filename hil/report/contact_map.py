@@ -14,7 +14,7 @@ from matplotlib.colors import Normalize
 from matplotlib.patches import Rectangle
 
 from highfive.hil.report.drawing import FAINT, INK, STYLE, new_figure, to_png
-from highfive.hil.report.page import write_file
+from highfive.hil.runtime.folders import write_file
 from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 
 WORST_MM = 30.0

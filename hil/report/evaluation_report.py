@@ -14,9 +14,10 @@ from highfive.hil.evaluation.score_table import method_label, methods_of, metric
 from highfive.hil.evaluation.style_mixtures import morphs
 from highfive.hil.report import evaluation_figures, model_figures
 from highfive.hil.report.drawing import Drawing, draw, to_png
-from highfive.hil.report.page import figures, render, section, table, write_file
+from highfive.hil.report.page import figures, render, section, table
 from highfive.hil.report.report import DATA, FIGURES, PAGE
 from highfive.hil.runtime.console import counted
+from highfive.hil.runtime.folders import write_file
 from highfive.model.evaluation import forecast_errors as horizons
 from highfive.model.hgpdm.trials import Trial
 

@@ -17,9 +17,10 @@ from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts
 from highfive.hil.report import experiment_figures
 from highfive.hil.report.drawing import Drawing, draw, to_pdf, to_png, to_svg_file
 from highfive.hil.report.experiment_tables import excluded_table, questionnaires_table, ratings_table, times_table
-from highfive.hil.report.page import figures, render, section, table, write_file
+from highfive.hil.report.page import figures, render, section, table
 from highfive.hil.report.report import DATA, FIGURES, PAGE
 from highfive.hil.runtime.console import counted
+from highfive.hil.runtime.folders import write_file
 
 TRIALS = "trials.csv"
 SIMULATED = "All participants are simulated: nothing here is a finding about people."

@@ -13,8 +13,6 @@ from PIL import Image as Pictures
 
 from highfive.hil.report.drawing import Drawing, to_svg
 from highfive.hil.sim.rendering import Image
-from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
 
 _TEMPLATE = Path(__file__).with_name("report_template.html")
 
@@ -24,21 +22,6 @@ def render(title: str, subtitle: str, badges: str, sections: Sequence[str]) -> s
     template = Template(_TEMPLATE.read_text(encoding="utf-8"))
     body = "\n".join(section for section in sections if section)
     return template.substitute(title=escape(title), subtitle=subtitle, badges=badges, body=body)
-
-
-def write_file(path: Path, content: bytes, *, replace: bool = True) -> None:
-    """Writes a file in one piece: after a failure the old one, or none, is there.
-
-    Raises:
-        HighFiveError: it cannot be written, or there is such a file and it may not be replaced.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_whole(path, content, replace=replace)
-    except OSError as error:
-        raise HighFiveError(
-            f"cannot write {path}: {error.strerror or error}; choose another place or make room"
-        ) from None
 
 
 def section(name: str, content: str) -> str:

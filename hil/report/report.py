@@ -15,10 +15,11 @@ from highfive.hil.arm.arm_options import EMULATED, VIRTUAL
 from highfive.hil.report.captions import who_is_who
 from highfive.hil.report.drawing import Drawing, to_png
 from highfive.hil.report.film import Strip
-from highfive.hil.report.page import figures, jpeg, render, section, table, write_file
+from highfive.hil.report.page import figures, jpeg, render, section, table
 from highfive.hil.report.report_tables import dot, show, style_table, trial_table
 from highfive.hil.report.session_figures import draw_all, figure_names
 from highfive.hil.runtime.console import counted
+from highfive.hil.runtime.folders import write_file
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.trials.summary import FAR_OFF_MM, SessionSettings, kind
 from highfive.hil.trials.targets import Target, targets

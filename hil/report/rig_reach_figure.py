@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 
 from highfive.hil.arm.reachability import DEPTH, REACHABILITY, BaseReach, cell_point
 from highfive.hil.arm_model import kinematics
-from highfive.hil.report.page import write_file
+from highfive.hil.runtime.folders import write_file
 from highfive.hil.sim.people.grid import CELLS, GRID_Y, GRID_Z
 from highfive.model.geometry.rotations import Array
 

@@ -10,9 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from highfive.hil.report.drawing import Drawing, to_png
-from highfive.hil.report.page import figures, render, section, table, write_file
+from highfive.hil.report.page import figures, render, section, table
 from highfive.hil.report.track_figures import draw_track
 from highfive.hil.runtime.console import counted
+from highfive.hil.runtime.folders import write_file
 from highfive.mocap_bridge.tracking.tracked_recording import TrackedRecording
 from highfive.mocap_bridge.tracking.unobservable import RULE, unseen_lines
 

@@ -10,7 +10,7 @@ from itertools import count
 from pathlib import Path
 
 from highfive.model.errors import HighFiveError
-from highfive.model.files import UNFINISHED
+from highfive.model.files import UNFINISHED, write_whole
 
 try:
     import fcntl
@@ -111,3 +111,18 @@ def _remove_empty(folders: list[Path]) -> None:
     with suppress(OSError):
         for folder in folders:
             folder.rmdir()
+
+
+def write_file(path: Path, content: bytes, *, replace: bool = True) -> None:
+    """Writes a file in one piece: after a failure the old one, or none, is there.
+
+    Raises:
+        HighFiveError: it cannot be written, or there is such a file and it may not be replaced.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_whole(path, content, replace=replace)
+    except OSError as error:
+        raise HighFiveError(
+            f"cannot write {path}: {error.strerror or error}; choose another place or make room"
+        ) from None

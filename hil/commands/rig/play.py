@@ -31,9 +31,9 @@ from highfive.hil.recording.replay_goals import RecordedHighFives
 from highfive.hil.recording.session_reader import SessionReader, read_session
 from highfive.hil.report.arm_report import arm_section, draw_arm
 from highfive.hil.report.drawing import to_png
-from highfive.hil.report.page import render, section, write_file
+from highfive.hil.report.page import render, section
 from highfive.hil.runtime.console import counted, say_aside
-from highfive.hil.runtime.folders import results_folder
+from highfive.hil.runtime.folders import results_folder, write_file
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.trials.summary import SessionSettings, versions

@@ -11,10 +11,10 @@ from trial_results import some_results
 
 from highfive.hil.report.colours import colour_of, mark_of
 from highfive.hil.report.film import Strip
-from highfive.hil.report.page import write_file
 from highfive.hil.report.report import render_page, write_report
 from highfive.hil.report.report_tables import style_table
 from highfive.hil.report.session_figures import figure_names
+from highfive.hil.runtime.folders import write_file
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.trials.summary import SessionSettings, summarise

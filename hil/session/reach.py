@@ -183,6 +183,11 @@ class Reach:
         self._ease = np.zeros((2, 3))
 
     @property
+    def phase(self) -> Phase:
+        """What the reach is doing."""
+        return self._phase
+
+    @property
     def refused(self) -> bool:
         """The raised hand is no high five: nothing answers it."""
         return self._doubt.unlikely and self._phase is Phase.IDLE and not self._doubt.met

@@ -163,7 +163,7 @@ ONE = ("--trials", "1", "--emotion", "neutral", "--cell", "B2", "--out", "sessio
 CAUSES = {
     "--help": "highfive.hil.cli.main",
     "track": "highfive.hil.commands.track",
-    "stream": "highfive.hil.commands.stream",
+    "stream": "highfive.hil.commands.stream.stream",
     "simulate": "highfive.hil.commands.simulate",
 }
 """What a command imports before it begins."""

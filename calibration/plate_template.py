@@ -5,6 +5,7 @@ Markers show where they are themselves, never where the plate's surface is: that
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -88,7 +89,7 @@ def check_template(template: PlateTemplate, settings: TemplateSettings = TEMPLAT
     names, places = template.names, template.places
     if len(names) < 3:
         raise HighFiveError(f"it has {len(names)} markers; a plate's place and normal need three, five are better")
-    if abs(np.linalg.norm(template.normal) - 1.0) > 1e-6:
+    if abs(math.hypot(*template.normal) - 1.0) > 1e-6:
         raise HighFiveError("plate.normal is no unit vector")
     if (far := float(np.abs(np.vstack([places, template.centre])).max())) > settings.largest:
         raise HighFiveError(f"a place is {far:g} m off, at most {settings.largest:g}; is it in millimetres?")

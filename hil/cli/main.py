@@ -155,6 +155,14 @@ def simulate(
     height: Height = None,
     fov: FieldOfView = None,
     no_pictures: Annotated[bool, typer.Option("--no-pictures", help="No film and no pictures of the scene.")] = False,
+    film_view: Annotated[
+        str,
+        typer.Option(
+            metavar="VIEW",
+            help="From where film and pictures are taken: wide, front, shoulder, close, or AZIMUTH,ELEVATION,DISTANCE "
+            "in degrees and m, such as 90,-10,3.",
+        ),
+    ] = "wide",
     overwrite: Overwrite = False,
     json: Json = False,
 ) -> None:
@@ -181,6 +189,7 @@ def simulate(
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,
+        film_view=film_view,
         place=place,
         latency_ms=latency,
         latencies=latencies,

@@ -34,6 +34,7 @@ from highfive.hil.session.reach import SEEN_LATE
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.sim.viewpoint import viewpoint
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, summarise
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
@@ -148,6 +149,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
 
 def _check(options: SimulateOptions, live: bool, again: bool) -> None:
     """That the options go together."""
+    viewpoint(options.film_view)
     check_live_options(options, live)
     check_output_options(options, again=again)
     if again:
@@ -280,11 +282,14 @@ def _pictures(
         from highfive.hil.sim.arm_body import arm_in_scene  # noqa: PLC0415
 
         visible = build_scene(visible=True)
+        view = viewpoint(options.film_view)
+        view.apply(visible.model)
         whole = {} if played.arm is None else played.arm.whole
         arms = None
         if options.arm is not None and whole:
             which = find_arm(options.arm.arm)
             arms = Arms(arm_in_scene(which.mount, avatar=False, visible=True, folder=which), whole)
+            view.apply(arms.scene.model)
         film = folder / FILM
         return picture_strips(visible, results, arms), make_film(visible, results, film, bar, arms)
     except KeyboardInterrupt:

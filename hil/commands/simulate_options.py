@@ -69,6 +69,7 @@ class SimulateOptions:
         physics: drive the avatar by actuators against contact forces.
         correct: correct the palm.
         pictures: draw the film and the pictures.
+        film_view: from where; see :func:`highfive.hil.sim.viewpoint.viewpoint`.
         place: keeps where a live person stands, for the next session; None for not.
         latency_ms: what cameras, network and screen take beyond what a live source says of itself.
         latencies: of streams, as ``calibrate event`` measured them; None for none.
@@ -95,6 +96,7 @@ class SimulateOptions:
     physics: bool = False
     correct: bool = True
     pictures: bool = True
+    film_view: str = "wide"
     place: Path | None = None
     latency_ms: float = 0.0
     latencies: Path | None = None

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from highfive.hil.sim import opengl
 from highfive.hil.sim.arm_body import ArmTwin
 from highfive.hil.sim.scene import Scene
+from highfive.hil.sim.viewpoint import CAMERAS
 from highfive.model.errors import HighFiveError
 
 Image = NDArray[np.uint8]
-
-CAMERAS = ("wide", "close", "shoulder", "front")
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ def test_a_template_is_read(tmp_path: Path) -> None:
     ("old", "new", "says"),
     [
         ("[1.0, 0.0, 0.0]", "[1.0, 1.0, 0.0]", "no unit vector"),
+        ("[1.0, 0.0, 0.0]", "[1e200, 0.0, 0.0]", "no unit vector"),
         ("0.062", "62.0", "millimetres"),
         ("0.062]", "nan]", "not all numbers"),
         ("centre_m", "center_m", "centre_m missing"),

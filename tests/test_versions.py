@@ -20,6 +20,7 @@ from highfive.hil.commands.export import ExportOptions, export
 from highfive.hil.experiments import trial_log
 from highfive.hil.recording.replay import open_replay
 from highfive.hil.recording.session_reader import read_session
+from highfive.hil.session.style_timing import timing_of
 from highfive.hil.sim.scene import Scene, build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.recorded import RecordedTrials
@@ -86,11 +87,14 @@ def test_the_recording_that_comes_along_is_of_the_second_format_and_of_an_earlie
     "folder", [one for one in folders_with("model.safetensors") if named(one) != "0.1.0-11-21"], ids=named
 )
 def test_models_answer(folder: Path) -> None:
-    responder = highfive.Responder(highfive.load_model(folder / "model.safetensors"), "angry", rate_hz=120.0)
+    model = highfive.load_model(folder / "model.safetensors")
+    responder, timing = highfive.Responder(model, "angry", rate_hz=120.0), timing_of(model)
     for height in np.linspace(1.0, 1.4, 30):
         answer = responder.step(np.array([[0.60, -0.20, height], [0.55, -0.20, height + 0.09]]))
     assert answer.joints.shape == (159,) and np.isfinite(answer.joints).all()
     assert np.isfinite(answer.contact_point).all()
+    style = responder.style  # and a session plays the answers
+    assert np.isfinite(timing.answering(answer, style, timing.waiting(style)).hinges).all()
 
 
 @pytest.mark.parametrize(

@@ -46,7 +46,8 @@ class StyleTiming:
         self._rest = np.array([_at_start(model, style) for style in styles])
         self._resting_palm = self._rest[:, self._where.palm].copy()
         speed = peak_speeds(model)
-        self._relative_speed = np.maximum(speed / np.median(speed), 1.0)
+        # A model that was trained on next to nothing shows no speeds: nothing is sharpened then.
+        self._relative_speed = np.maximum(speed / max(float(np.median(speed)), 1e-9), 1.0)
 
     def rest(self, style: Array) -> Array:
         """Channels (C,) in which an avatar of style weights (K,) waits: the model is linear in the weights."""
@@ -95,6 +96,6 @@ def peak_speeds(model: HGPDM) -> Array:
     speed = np.linalg.norm(np.diff(palm, axis=0), axis=1) / model.lag
     speed[np.diff(model.trial) != 0] = 0.0
     trials, first = np.unique(model.trial, return_index=True)
-    peaks = np.array([speed[model.trial[1:] == trial].max() for trial in trials])
+    peaks = np.array([speed[model.trial[1:] == trial].max(initial=0.0) for trial in trials])
     shown = model.emotion[first]
     return np.array([np.median(peaks[shown == k]) for k in range(len(model.emotions))])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,11 +12,13 @@ from mkdocs.structure.files import File, Files
 ROOT = Path(__file__).parents[2]
 ROOMS = ("model", "mocap_bridge", "calibration", "hil")
 _SHORTEST = 12  # letters; what is shorter is no message
+_NO_MESSAGES = {"setting", "Option", "Argument", "compile", "match", "search", "sub", "Typer"}
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Adds the page."""
-    lines = ["# Messages", "", "What the program says when it refuses or stops, by the part that says it; "
+    lines = ["---", "search:", "  boost: 2.5", "---", "# Messages", "",
+             "What the program says when it refuses, stops, warns or waits, by the part that says it; "
              "… stands for a name, number or path. What to do is in the message itself; where it is not enough, see "
              "[when something is wrong](../troubleshooting.md).", ""]  # fmt: skip
     for path in sorted(one for room in ROOMS for one in (ROOT / room).rglob("*.py")):
@@ -27,13 +30,27 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def messages(source: str) -> list[str]:
-    """What is raised with a text, in order: f-strings with … in place of what they take in."""
-    raised: list[str] = []
+    """What is raised, returned, said or kept as some words; f-strings with … for what they take in."""
+    said: list[str] = []
     for node in ast.walk(ast.parse(source)):
         if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
-            raised += [text for part in node.exc.args for text in texts(part)]
-    shown = dict.fromkeys(" ".join(text.split()) for text in raised)
+            said += [text for part in node.exc.args for text in texts(part)]
+        elif isinstance(node, ast.Call) and called(node) not in _NO_MESSAGES:
+            said += [text for part in node.args for text in texts(part) if of_words(text)]
+        elif isinstance(node, ast.Return | ast.Assign) and node.value is not None:
+            said += [text for text in texts(node.value) if of_words(text)]
+    shown = dict.fromkeys(" ".join(text.split()) for text in said)
     return [f"`{text.replace('`', chr(39))}`" for text in shown if sum(map(str.isalpha, text)) >= _SHORTEST]
+
+
+def called(call: ast.Call) -> str:
+    """The name of what is called."""
+    return call.func.attr if isinstance(call.func, ast.Attribute) else getattr(call.func, "id", "")
+
+
+def of_words(text: str) -> bool:
+    """A sentence, not a name, a format or a piece of a file."""
+    return len(re.findall(r"(?<![\w<])[a-z]{2,}(?![\w=>(])", text)) >= 3 and not re.search(r"[<{}\n]|%\(|\\\\", text)
 
 
 def texts(node: ast.expr) -> list[str]:

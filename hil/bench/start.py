@@ -133,7 +133,7 @@ def bench_start(options: StartOptions, bar: Bar) -> dict[str, Any]:
             "stream": (["stream", recording, "--seconds", "0"], None),
             "simulate": (["simulate", *ONE, "--no-pictures", "--overwrite"], r"high five\D*1/1"),
         }
-        done = bar("commands", options.repeats * (len(commands) + len(ways)))
+        done = bar("commands", options.repeats * (len(commands) + len(ways)) + len(ways))
         helps = {}
         for way in commands:
             runs = []
@@ -143,6 +143,8 @@ def bench_start(options: StartOptions, bar: Bar) -> dict[str, Any]:
             helps[" ".join(way)] = round(median(run.seconds for run in runs), 3)
         firsts, memory = {}, {"--help": round(runs[-1].memory_mb)}
         for name, (arguments, shows) in ways.items():
+            _ended(arguments, folder, shows)  # compiles, where nothing is compiled yet
+            done()
             runs = []
             for _ in range(options.repeats):
                 runs.append(_ended(arguments, folder, shows))

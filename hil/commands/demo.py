@@ -33,7 +33,7 @@ def page_beside(folder: Path, overwrite: bool, page: bool) -> Iterator[None]:
         pass
     say_aside("high fives are played and filmed; the first time after installing it compiles for minutes before")
     if not page:
-        say_aside("meanwhile, in another terminal: highfive view --no-open")
+        say_aside("meanwhile high fives move in the browser with: highfive view")
         yield
         say_aside(f"see them move, in the browser: highfive view {folder}")
         return

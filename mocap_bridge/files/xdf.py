@@ -34,6 +34,8 @@ _MOST_CHANNELS = 10_000
 _DAMAGED = (ValueError, KeyError, OverflowError, RecursionError, struct.error, ElementTree.ParseError, IndexError)
 _CLOCK_SET_S = 1.0
 """Offsets that differ by more from one measurement to the next are of a clock that was set."""
+_LARGEST_S = 1e15
+"""No clock says more: beyond it, sums of times are nothing, or overflow."""
 _OUTLYING = 3.0
 """An offset that is so many times the usual distance off the line weighs less (Huber)."""
 
@@ -74,7 +76,7 @@ class XdfStream:
         cuts = [0, *(np.flatnonzero(np.abs(np.diff(self.offsets)) > _CLOCK_SET_S) + 1).tolist(), len(self.offsets)]
         begins = [-np.inf, *(float(self.offset_times[cut]) for cut in cuts[1:-1]), np.inf]
         for place, (first, last) in enumerate(pairwise(cuts)):
-            here = (times_s >= begins[place]) & (times_s < begins[place + 1])
+            here = (times_s >= begins[place]) & (times_s < begins[place + 1]) & (np.abs(times_s) < _LARGEST_S)
             found[here] += _line(self.offset_times[first:last], self.offsets[first:last], np.asarray(times_s)[here])
         return found
 
@@ -159,7 +161,7 @@ class _Stream:
 
     def offset(self, chunk: memoryview) -> None:
         at, offset = struct.unpack_from("<dd", chunk)
-        if np.isfinite(at) and np.isfinite(offset):
+        if abs(at) < _LARGEST_S and abs(offset) < _LARGEST_S:
             self.measured.append((at, offset))
 
     def whole(self) -> XdfStream:

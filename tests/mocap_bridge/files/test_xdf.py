@@ -53,6 +53,14 @@ def test_a_clock_that_drifts_and_is_set_is_followed_beside_measurements_that_are
     assert np.abs(stream.on_recorder_clock(last[told_apart]) - late[told_apart]).max(initial=0.0) < 2e-4
 
 
+def test_times_that_no_clock_says_move_no_others(tmp_path: Path) -> None:
+    offsets = [(1.0, 0.5), (2.0, 0.5), (1.2e308, 1.2e308), (-1.7e308, 0.5), (3.0, -1e300), (4.0, 0.5)]
+    made = Written("EEG", "EEG", 0.0, "double64", [(0.0, (0.0,)), (1.5e308, (0.0,))], offsets)
+    (stream,) = read_xdf(write_xdf(tmp_path / "a.xdf", [made]))
+    assert stream.offsets.tolist() == [0.5, 0.5, 0.5]
+    np.testing.assert_allclose(stream.on_recorder_clock(stream.stamps), [0.5, 1.5e308])
+
+
 def test_a_recorder_that_was_killed_leaves_what_it_had_written(tmp_path: Path) -> None:
     whole = xdf(STREAMS)
     path, before = tmp_path / "a.xdf", 0

@@ -9,6 +9,7 @@ from typing import Any
 from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[2]
+_WRAPPED = "<style>.md-typeset pre > code { white-space: pre-wrap; }</style>"
 _SHIM = '<script src="https://unpkg.com/iframe-worker/shim"></script>'
 _LINK = re.compile(r"(?<!!)\[([^\]]*)\]\(([^)#\s]+)(#[^)\s]*)?\)")
 
@@ -25,9 +26,10 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def on_post_page(output: str, page: Any, config: Any) -> str:
-    """The search works from a file without anything from elsewhere: Material would fetch a script for it."""
+    """The search works from a file without anything from elsewhere, for which Material would fetch a script, and takes
+    pasted messages; long lines of code are wrapped, not cut off."""
     own = (Path(__file__).parent / "worker.js").read_text(encoding="utf-8")
-    return output.replace(_SHIM, f"<script>{own}</script>")
+    return output.replace(_SHIM, f"<script>{own}</script>").replace("</head>", f"{_WRAPPED}</head>", 1)
 
 
 def _page_of(place: Path) -> str | None:

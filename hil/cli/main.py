@@ -316,15 +316,26 @@ def _run() -> NoReturn:
         if not (message := error.format_message()):  # the help has been shown instead
             sys.exit(2)
         ports = "highfive rig scan lists ports; " if message.startswith("Missing argument 'PORT'") else ""
-        _fail(f"{message} ({ports}see highfive --help)")
+        message = message.replace("Input should be", "it should be")
+        _fail(f"{message} ({ports}see {_asked(error)} --help)")
     except HighFiveError as error:
         _fail(str(error))
+    except OSError as error:  # a name that is too long, a disk that is gone
+        if error.filename is None:
+            raise
+        _fail(f"{error.filename}: {error.strerror}")
     except (KeyboardInterrupt, Interrupted, typer.Abort) as error:
         _end_interrupted(str(error))
     except Exception:
         if interrupt_swallowed():
             _end_interrupted("")
         raise
+
+
+def _asked(error: TyperException) -> str:
+    """The command that was asked for something, as it is typed."""
+    context = getattr(error, "ctx", None)
+    return " ".join(["highfive", *context.command_path.split()[1:]]) if context is not None else "highfive"
 
 
 def _end_interrupted(how: str) -> NoReturn:

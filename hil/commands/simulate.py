@@ -241,6 +241,8 @@ def _report(
         played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm,
         streams=outputs.stream_rows(),
     )  # fmt: skip
+    if played.interrupted and options.pictures:
+        say_aside("interrupted: report and film of what was played are made; Ctrl-C again leaves out the pictures")
     strips, film = _pictures(options, played, folder, bar)
     write_report(folder, summary, played.results, settings, strips, film, drawings)
     return summary

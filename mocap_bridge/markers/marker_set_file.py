@@ -147,6 +147,9 @@ def load_marker_set(name_or_path: str | Path) -> MarkerSet:
 
 def _parse(data: dict[str, Any]) -> MarkerSet:
     rows = data["markers"]
+    for row in rows if isinstance(rows, list) else [rows]:
+        if not isinstance(row, dict):
+            raise ValueError(f"markers has {row!r}; each is a table with name, joint and position")
     names = tuple(str(row["name"]) for row in rows)
     positions = np.array([_vector(row["position"]) for row in rows])
     joints = tuple(str(row["joint"]) for row in rows)

@@ -74,3 +74,11 @@ def test_what_no_arm_is_like_is_refused(tmp_path: Path, changes: dict[str, str],
     with pytest.raises(HighFiveError, match="is no calibration of an arm") as error:
         load_arm(file)
     assert says in str(error.value)
+
+
+def test_a_sound_file_of_another_kind_is_not_to_be_measured_again(tmp_path: Path) -> None:
+    file = tmp_path / "headset.toml"
+    file.write_text("[meta]\nformat = 1\n[headset]\nrms_m = 0.001\n")
+    with pytest.raises(HighFiveError, match=r"it has \[meta\], \[headset\], an arm's has") as error:
+        load_arm(file)
+    assert "measure it again" not in str(error.value)

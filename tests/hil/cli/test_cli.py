@@ -109,6 +109,16 @@ def test_unknown_cell_option_and_command(highfive) -> None:
     assert_one_line(highfive("wave"), "wave")
 
 
+def test_what_is_wrong_names_the_help_of_the_command_that_was_asked(highfive) -> None:
+    assert_one_line(highfive("simulate", "--trials", "0"), "it should be greater", "see highfive simulate --help")
+    assert_one_line(highfive("rig", "scan", "--absent"), "No such option", "see highfive rig scan --help")
+    assert_one_line(highfive("absent"), "No such command", "see highfive --help")
+
+
+def test_a_name_that_is_too_long_is_one_line(highfive) -> None:
+    assert_one_line(highfive("simulate", "--trials", "1", "--out", "a" * 300), "File name too long")
+
+
 @pytest.mark.parametrize("value", ["inf", "nan", "-1", "1e9"])
 @pytest.mark.parametrize(
     ("bench", "option"),

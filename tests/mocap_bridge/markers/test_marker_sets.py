@@ -272,6 +272,8 @@ PAPER = (FOLDER / "paper.toml").read_text(encoding="utf-8")
     [
         ("= 3", "cannot read"),
         ('name = "x"', "entry 'markers' is missing"),
+        ("markers = [1, 2, nan]", "markers has 1; each is a table"),
+        ("markers = 3", "markers has 3; each is a table"),
         (PAPER.replace("position = [0.0850, 0.0650, 0.1000]", "position = [0.0850]"), "three numbers"),
         (PAPER.replace('name = "RFIN"', 'name = "XFIN"'), "not in the set: RFIN"),
         (PAPER.replace('name = "RWRA"', 'name = "RWRB"'), "occur twice: RWRB"),

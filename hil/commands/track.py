@@ -120,14 +120,21 @@ def print_track(summary: dict[str, Any]) -> None:
         print(f"  frames not used       {summary['refused_frames']}: their markers span what no person does")
     if summary["missing"]:
         print(f"  never there           {', '.join(summary['missing'])}")
+    if summary["unused"]:
+        print(
+            f"  of no marker set      {', '.join(summary['unused'][:8])}{' …' if len(summary['unused']) > 8 else ''}: ",
+            end="",
+        )
+        print("left as they are, gaps and all")
     for number, line in enumerate(unseen_lines(summary)):
         print(f"  {'' if number else 'angles left blank':<20}  {line}")
     rows = {name: of for name, of in summary["markers"].items() if of["hidden"] or of["disbelieved"]}
     if rows:
-        shown = Table("marker", "gaps", "longest, ms", "hidden", "filled", "not believed", box=SIMPLE_HEAD)
+        shown = Table("marker", "gaps", "longest, ms", "hidden", "filled", "± mm", "not believed", box=SIMPLE_HEAD)
         for name, of in rows.items():
-            keys = ("gaps", "longest_gap_ms", "hidden", "filled", "disbelieved")
-            shown.add_row(name, *(f"{of[key]:g}" for key in keys))
+            counts = [f"{of[key]:g}" for key in ("gaps", "longest_gap_ms", "hidden", "filled")]
+            doubt = "" if of["filled_sd_mm"] is None else f"{of['filled_sd_mm']['median']:.1f}"
+            shown.add_row(name, *counts, doubt, f"{of['disbelieved']}")
         STDOUT.print(shown)
     print(f"Open {Path(summary['folder']) / summary['files']['report']}")
 

@@ -116,7 +116,7 @@ def _remarks(summary: dict[str, Any]) -> str:
     if summary["unused"]:
         shown = ", ".join(summary["unused"][:20])
         more = f" and {len(summary['unused']) - 20} more" if len(summary["unused"]) > 20 else ""
-        found.append(f"Labels that the set does not know, left as they are: {shown}{more}.")
+        found.append(f"Labels that the set does not know, left as they are, gaps and all: {shown}{more}.")
     lost = summary["frames"] - summary["tracked_frames"]
     if lost:
         found.append(f"In {lost} of {summary['frames']} frames too few markers are seen to say anything.")
@@ -156,17 +156,18 @@ def _angles(summary: dict[str, Any]) -> str:
 
 def _markers(summary: dict[str, Any]) -> str:
     heads = [
-        "marker", "seen", "gaps", "longest, ms", "hidden", "filled", "not believed",
-        "residual, median, mm", "95 %, mm", "largest, mm",
+        "marker", "seen", "gaps", "longest, ms", "hidden", "filled", "standard deviation of filled, median, mm",
+        "largest, mm", "not believed", "residual, median, mm", "95 %, mm", "largest, mm",
     ]  # fmt: skip
     rows = []
     for name, of in summary["markers"].items():
         residual = of["residual_mm"]
         values = ["", "", ""] if residual is None else [f"{residual[key]:.1f}" for key in ("median", "p95", "max")]
-        counts = [of["gaps"], of["longest_gap_ms"], of["hidden"], of["filled"], of["disbelieved"]]
-        rows.append(
-            [name, f"{100.0 * of['seen']:.1f} %", *(f"{count:g}" if count else "" for count in counts), *values]
-        )
+        filled = of["filled_sd_mm"]
+        doubts = ["", ""] if filled is None else [f"{filled[key]:.1f}" for key in ("median", "max")]
+        counts = [f"{of[key]:g}" if of[key] else "" for key in ("gaps", "longest_gap_ms", "hidden", "filled")]
+        disbelieved = f"{of['disbelieved']}" if of["disbelieved"] else ""
+        rows.append([name, f"{100.0 * of['seen']:.1f} %", *counts, *doubts, disbelieved, *values])
     return table(heads, rows, words={0})
 
 

@@ -72,6 +72,7 @@ def _marker(track: TrackedRecording, m: int) -> dict[str, Any]:
         "longest_gap_ms": round(1e3 * longest / track.rate_hz, 1),
         "hidden": int(track.hidden[:, m].sum()),
         "filled": int((track.hidden & track.usable)[:, m].sum()),
+        "filled_sd_mm": _spread(track.filled_sd[:, m]),
         "disbelieved": int(track.disbelieved[:, m].sum()),
         "residual_mm": _spread(track.residuals[:, m]),
     }

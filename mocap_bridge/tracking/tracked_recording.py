@@ -33,6 +33,8 @@ class TrackedRecording:
         disbelieved: (T, M) the recording has the marker, and the tracker did not believe it or had it elsewhere.
         filled: (T, M, 3) m, where a hidden marker was, from what came before and after; elsewhere as ``measured``.
         usable: (T, M) ``filled`` is worth something.
+        filled_sd: (T, M) m, standard deviation of where a hidden marker was, root of the sum over its coordinates; NaN
+            where none was filled.
         angles, deviations: (T, 8) rad, of the right arm and their standard deviations; NaN where the markers do not
             show them. Angles run on beyond half a turn.
         segments: names of the segments, a parent before its children.
@@ -50,6 +52,7 @@ class TrackedRecording:
     disbelieved: NDArray[np.bool_]
     filled: Array
     usable: NDArray[np.bool_]
+    filled_sd: Array
     angles: Array
     deviations: Array
     segments: tuple[str, ...]
@@ -120,7 +123,7 @@ def track_recording(
     measured, there = marker_set.arrange(recording.names, recording.points, recording.valid)
     count = len(recording)
     forward = _run(recording, marker_set, range(count), advance)
-    filled, usable = forward.positions, forward.valid
+    filled, usable, variance = forward.positions, forward.valid, forward.variances
     if passes(recording, marker_set) == 2:
         back = _run(recording, marker_set, range(count - 1, -1, -1), advance)
         spline, variances = bridged(measured, there & forward.seen & back.seen, recording.rate_hz)
@@ -128,7 +131,7 @@ def track_recording(
         precisions = 1.0 / np.stack([2.0 * forward.variances, 2.0 * back.variances, variances])
         positions = np.stack([forward.positions, back.positions, spline])
         filled = (precisions[..., None] * positions).sum(axis=0) / precisions.sum(axis=0)[..., None]
-        usable = forward.valid | back.valid
+        usable, variance = forward.valid | back.valid, 1.0 / precisions.sum(axis=0)
     segments, parents = _tree(marker_set)
     away = np.linalg.norm(measured - forward.positions, axis=-1)
     elsewhere = RestartSettings().elsewhere
@@ -141,6 +144,7 @@ def track_recording(
         disbelieved=there & np.isfinite(forward.headings)[:, None] & (~forward.seen | (away > elsewhere)),
         filled=np.where(there[..., None], measured, filled),
         usable=there | usable,
+        filled_sd=np.where(~there & there.any(axis=0) & usable, np.sqrt(variance), np.nan),
         angles=_unwrapped(forward.angles),
         deviations=forward.deviations,
         segments=segments,

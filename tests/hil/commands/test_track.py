@@ -67,6 +67,8 @@ def test_the_summary_counts_what_was_hidden(reach: Reach, result: dict):
     assert result["markers"]["RSHO"]["gaps"] == 0
     assert result["residual_mm"]["median"] < 2.0
     assert result["missing"] == result["unused"] == []
+    assert result["markers"]["RSHO"]["filled_sd_mm"] is None
+    assert 0.0 < result["markers"]["RFIN"]["filled_sd_mm"]["median"] < 25.0
     assert json.loads((Path(result["folder"]) / "report.json").read_text(encoding="utf-8")) == result
 
 
@@ -294,6 +296,8 @@ def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(
     error = np.linalg.norm(filled.points - whole.points[part], axis=-1)[~valid]
     assert filled.valid.all()
     assert np.sqrt((error**2).mean()) < off
+    sure = np.array([result["markers"][name]["filled_sd_mm"]["median"] for name in ("RWRA", "RWRB", "RFIN")])
+    assert 0.5 * np.median(1e3 * error) < np.median(sure) < 2.0 * np.median(1e3 * error)
 
 
 def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_path: Path) -> None:

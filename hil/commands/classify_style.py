@@ -7,7 +7,7 @@ people stand behind each emotion.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from itertools import compress
 from pathlib import Path
@@ -27,36 +27,25 @@ from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.mocap_bridge.files.trial_table import TrialRow, read_table
-from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.source import C3DSource
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation.style_classifier import (
     ANGLES,
-    FEATURES,
     Motion,
     accuracy,
     confusion,
     features,
     fit_style_classifier,
-    way_back,
 )
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.trials import Trial
 
 BOTH = "angles and speeds"
-CUES = {
-    BOTH: slice(0, len(FEATURES)),
-    "angles": slice(0, len(ANGLES)),
-    "speeds": slice(len(ANGLES), len(FEATURES)),
-    "the way back's speeds and duration": slice(len(FEATURES), None),
-}
+CUES = {BOTH: slice(None), "angles": slice(0, len(ANGLES)), "speeds": slice(len(ANGLES), None)}
 """What a classifier is given: columns of the features."""
-
-STANDS = 2.5
-"""s, for which a person stands there when her recording ends, until a slow avatar's hand is down."""
 
 STAGES = ("generated", "corrected")
 
@@ -86,7 +75,7 @@ class Shown:
     """What an avatar showed in one high five.
 
     Attributes:
-        features: (2, F) before and after contact correction; those of the way back come last.
+        features: (2, F) before and after contact correction.
         peak_speed: (2,) m/s, of the palm.
     """
 
@@ -105,14 +94,12 @@ def classified(options: ClassifyStyleOptions, bar: Bar) -> dict[str, Any]:
         if style not in model.emotions:
             raise HighFiveError(f"--morph: the model knows no {style!r}; it knows {', '.join(model.emotions)}")
     trials = _captured(options, model.emotions, bar)
-    values = np.array([_seen(Motion(t.rate_hz, t.joints, t.palm), t.contact_frame) for t in trials])
+    values = np.array([features(Motion(t.rate_hz, t.joints, t.palm), avatar_skeleton()) for t in trials])
     people = simulated_partners(
         options.people, tuple(EMOTIONS), CELLS, options.seed, lambda total: bar("people", total)
     )
     answers = _in_styles(people, [{emotion: 1.0} for emotion in model.emotions], options.model_file, bar)
-    # Recordings that end with the contact show no way back.
-    cues = {cue: own for cue, own in CUES.items() if np.isfinite(values[:, own]).all()}
-    judged = {cue: _judge(trials, values, people, answers, model.emotions, own) for cue, own in cues.items()}
+    judged = {cue: _judge(trials, values, people, answers, model.emotions, own) for cue, own in CUES.items()}
     return {
         "observer_accuracy": judged[BOTH]["accuracy"],
         "by_cue": {cue: of["accuracy"] for cue, of in judged.items()},
@@ -208,7 +195,7 @@ def _in_styles(
 
 def _answer(job: tuple[Partner, tuple[Mapping[str, float], ...], Path]) -> list[Shown]:
     person, styles, model = job
-    session, frames = _session(model), _standing(list(C3DSource(person.recording, RATE_HZ)))
+    session, frames = _session(model), list(C3DSource(person.recording, RATE_HZ))
     shown = []
     for style in styles:
         session.set_style(style)
@@ -224,23 +211,9 @@ def _answer(job: tuple[Partner, tuple[Mapping[str, float], ...], Path]) -> list[
             )
             for posed, palm in zip(poses, palms, strict=True)
         ]
-        seen = np.array([_seen(motion, person.contact_frame) for motion in motions])
+        seen = np.array([features(motion, avatar_skeleton()) for motion in motions])
         shown.append(Shown(seen, np.array([motion.palm_speed().max() for motion in motions])))
     return shown
-
-
-def _seen(motion: Motion, contact_frame: int) -> Array:
-    return np.concatenate([features(motion, avatar_skeleton()), way_back(motion, contact_frame, avatar_skeleton())])
-
-
-def _standing(frames: list[MarkerFrame]) -> list[MarkerFrame]:
-    """The frames, and then the last one again and again for :data:`STANDS`."""
-    last, period_ns = frames[-1], round(1e9 / RATE_HZ)
-    later = [
-        replace(last, number=last.number + n, source_time_ns=last.source_time_ns + n * period_ns)
-        for n in range(1, round(STANDS * RATE_HZ) + 1)
-    ]
-    return frames + later
 
 
 @cache

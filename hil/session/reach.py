@@ -38,6 +38,10 @@ class Phase(Enum):
     RELEASE = "release"
 
 
+_LONGEST_STEP = 0.02
+"""s, of the low pass below: steps of more than two periods of its bandwidth, 77 ms, would not settle."""
+
+
 @dataclass(frozen=True)
 class ReachSettings(Settings):
     """When and how the avatar's palm is led to the person's.
@@ -181,11 +185,6 @@ class Reach:
         self._ahead = 0.0
         self._slow = np.zeros((2, 3))
         self._ease = np.zeros((2, 3))
-
-    @property
-    def phase(self) -> Phase:
-        """What the reach is doing."""
-        return self._phase
 
     @property
     def refused(self) -> bool:
@@ -362,8 +361,11 @@ class Reach:
         if self._since <= dt:
             self._slow = np.array([miss, np.zeros(3)])
         place, speed = self._slow
-        speed = speed + (pull * pull * (miss - place) - 2.0 * pull * speed) * dt
-        self._slow = np.array([place + speed * dt, speed])
+        parts = math.ceil(dt / _LONGEST_STEP)  # one long step after a tick that was late would throw the hand
+        for _ in range(parts):
+            speed = speed + (pull * pull * (miss - place) - 2.0 * pull * speed) * (dt / parts)
+            place = place + speed * (dt / parts)
+        self._slow = np.array([place, speed])
         homing = minimum_jerk(1.0 - self._remaining / self.settings.homing)
         return homing * miss + (1.0 - homing) * self._slow[0]
 

@@ -14,7 +14,6 @@ from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.open_responder import open_responder
 from highfive.hil.session.paced_responder import PacedResponder
 from highfive.hil.session.reach import Expectation, Reach, ReachSettings, ReachTarget
-from highfive.hil.session.style_return import AWAY, StyleReturn
 from highfive.hil.session.style_timing import timing_of
 from highfive.hil.sim.avatar import Pose, between
 from highfive.hil.sim.scene import Scene
@@ -193,7 +192,6 @@ class Session:
         self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()
         self._responder = PacedResponder(open_responder(model, style, RATE_HZ, clock=clock), RATE_HZ, self._arm)
         self._timing = timing_of(model)
-        self._style_return = StyleReturn(self._timing.pace)
         self._reach, self._calm_reach = Reach(reach), Reach(reach)
         self._correction = ContactCorrection(scene)
         self._correct = correct
@@ -225,8 +223,6 @@ class Session:
         self._seen_s = 0.0  # for how long the hand has been in sight
         self._responder.reset()
         self._last = self._timing.waiting(self._responder.style)
-        self._style_return.reset()
-        self._generated_palm: PalmPose | None = None
         self._reach.reset()
         self._calm_reach.reset()
         self._correction.reset()
@@ -264,8 +260,8 @@ class Session:
         person, calm_palm = self._steady(person, dt)
         response = self._responder.answer(time_ns)
         familiar = response.in_distribution
-        generated = self._pose(response, familiar and not self._reach.refused, person, dt)
-        self._generated_palm = palm = self._correction.palm_of(generated)
+        generated = self._pose(response, familiar and not self._reach.refused, dt)
+        palm = self._correction.palm_of(generated)
         self._seen_s = self._seen_s + dt if person.valid else 0.0
         seen = person.palm if person.valid and (familiar or self._seen_s >= self._settings.acquaint) else None
         expectation = _expectation(response, familiar)
@@ -309,7 +305,7 @@ class Session:
         person = self._return(person, dt, ahead)
         return replace(person, palm=self._palm(person.palm, dt)), self._calm_palm(person.palm, dt)
 
-    def _pose(self, response: Reaction, answers: bool, person: HumanArm, dt: float) -> Pose:
+    def _pose(self, response: Reaction, answers: bool, dt: float) -> Pose:
         """The model's pose in the style's timing; to a stranger, and to a hand that comes for something else than a
         high five, the pose in which it waits."""
         style = self._responder.style
@@ -322,12 +318,7 @@ class Session:
         # Two smoothings in a row: the pose sets off and arrives without a jerk.
         self._trust[0] += share * (float(answers) - self._trust[0])
         self._trust[1] += share * (self._trust[0] - self._trust[1])
-        pose = between(waiting, pose, self._trust[1])
-        face, head = AWAY, person.head_position
-        if self._generated_palm is not None and person.valid:
-            ours, model = self._generated_palm.position - head, response.palm - head
-            face = math.sqrt(ours @ ours), math.sqrt(model @ model)
-        return self._style_return.step(pose, waiting, style, self._reach.phase, dt, face)
+        return between(waiting, pose, self._trust[1])
 
 
 def tick_times(ticks: Sequence[Tick]) -> Array:

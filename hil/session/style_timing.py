@@ -11,7 +11,6 @@ from highfive.hil.sim.avatar import Pose, avatar_skeleton, between
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.reaction import Reaction, ReactionModel
-from highfive.model.online.return_pace import ReturnPace, return_pace
 from highfive.model.online.style_timing import StyleTiming
 
 
@@ -32,18 +31,13 @@ class PoseTiming:
         """The pose in which it answers in a style (K,), where ``waiting`` is the one in which it waits."""
         return _inside_limits(response.root, response.joints)
 
-    @property
-    def pace(self) -> ReturnPace | None:
-        """Of the way back; None where that goes as the model has it."""
-        return None
-
 
 class StyledTiming(PoseTiming):
     """Poses inside the joint limits, their reach sharpened as :mod:`highfive.model.online.style_timing` says."""
 
     def __init__(self, model: HGPDM) -> None:
         """Works out once what does not change from tick to tick."""
-        self._timing, self._pace = StyleTiming(model), return_pace(model)
+        self._timing = StyleTiming(model)
         rests = [self._timing.rest(style) for style in np.eye(len(model.emotions))]
         where = model.channels
         super().__init__([(rest[where.root], rest[: where.joints]) for rest in rests])
@@ -52,11 +46,6 @@ class StyledTiming(PoseTiming):
         """The pose in which it answers, between the one it waits in and the one the model gave with ``style`` (K,)."""
         fraction = self._timing.fraction(response.palm, response.contact_point, style)
         return between(waiting, _inside_limits(response.root, response.joints), fraction)
-
-    @property
-    def pace(self) -> ReturnPace | None:
-        """Of the way back, as the style's actors have it; None where the training trials do not show it."""
-        return self._pace
 
 
 def timing_of(model: HGPDM | ReactionModel) -> PoseTiming:

@@ -45,8 +45,6 @@ class StyleClassifierSettings(Settings):
     """The movement lasts from the first to the last frame in which the palm has this share of its peak speed."""
     still: float = setting(0.05, "m/s", above=0.0)
     """A palm that is never quicker makes no high five."""
-    parted: float = setting(0.2, "s", least=0.0)
-    """The way back begins so long after contact: what is left of the strike is over by then."""
     shrinkage: float = setting(0.1, least=0.0, most=1.0)
     """Share of the identity in the covariance of the standardised features, which are about a quarter as many as
     trials."""
@@ -58,8 +56,6 @@ ANGLES = tuple(f"{part}, mean rotation about {axis}" for part in PARTS for axis 
 SPEEDS = tuple(f"{part}, log {which} speed" for part in (*REACHING, "palm") for which in ("median", "peak"))
 FEATURES = (*ANGLES, *SPEEDS)
 """What :func:`features` gives, in order."""
-WAY_BACK = (*(f"{name}, way back" for name in SPEEDS), "log duration, way back")
-"""What :func:`way_back` gives, in order."""
 
 
 @dataclass(frozen=True)
@@ -111,27 +107,9 @@ def features(motion: Motion, skeleton: Skeleton) -> Array:
     window = slice(moving[0], moving[-1] + 1)
     joints = {part: [skeleton.index(name) for name in names] for part, names in PARTS.items()}
     angles = [turns[window, own].sum(axis=1).mean(axis=0) for own in joints.values()]
-    return np.concatenate([*angles, _log_speeds(motion, turns, palm_speed, window, skeleton)])
-
-
-def way_back(motion: Motion, contact_frame: int, skeleton: Skeleton) -> Array:
-    """Logarithms of the arm's speeds and of the duration of the way back, see ``WAY_BACK``; NaN where none is shown."""
-    palm_speed, turns = motion.palm_speed(), motion.smooth_joints()
-    begin = contact_frame + round(CLASSIFIER.parted * motion.rate_hz)
-    after = palm_speed[begin:]
-    if len(after) < 2 or after.max() < CLASSIFIER.still:
-        return np.full(len(WAY_BACK), np.nan)
-    window = slice(begin, begin + np.flatnonzero(after >= CLASSIFIER.moving * after.max())[-1] + 1)
-    duration = (window.stop - begin) / motion.rate_hz
-    return np.append(_log_speeds(motion, turns, palm_speed, window, skeleton), np.log(duration))
-
-
-def _log_speeds(motion: Motion, turns: Array, palm_speed: Array, window: slice, skeleton: Skeleton) -> Array:
-    """Logarithms of median and peak speeds (6,) of the arm that reaches; rad/s, palm m/s."""
-    joints = [[skeleton.index(name) for name in PARTS[part]] for part in REACHING]
-    speeds = [_angular_speed(turns[:, own], motion.rate_hz)[window] for own in joints]
+    speeds = [_angular_speed(turns[:, joints[part]], motion.rate_hz)[window] for part in REACHING]
     quantiles = [(np.median(speed), speed.max()) for speed in (*speeds, palm_speed[window])]
-    return np.log(np.maximum(quantiles, 1e-3)).ravel()
+    return np.concatenate([*angles, np.log(np.maximum(quantiles, 1e-3)).ravel()])
 
 
 def _angular_speed(turns: Array, rate_hz: float) -> Array:

@@ -76,19 +76,12 @@ class Inertializer:
 
     def _left(self) -> Array:
         """The difference that is left, (C,): from offset and drift, at no acceleration, to nothing."""
-        s = self._age * self._seconds / self._length
+        t, x, v = self._length, self._offset, self._drift
+        s = self._age * self._seconds / t
         self._age += 1
         if s >= 1.0:
             self._age = 0
-        return run_out(self._offset, self._drift * self._length, s)
-
-
-def run_out(offset: Array, drift: Array, share: float) -> Array:
-    """What is left of a difference (C,) after a share of the time in which it runs out, along a quintic (Bollo 2018).
-
-    It begins with this ``drift`` (C,), its speed times that time, without acceleration, and ends in nothing, at rest.
-    """
-    s = min(share, 1.0)
-    fall = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
-    glide = s - s**3 * (6.0 - 8.0 * s + 3.0 * s**2)
-    return offset * fall + drift * glide
+            return np.zeros_like(x)
+        fall = 1.0 - s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
+        glide = s - s**3 * (6.0 - 8.0 * s + 3.0 * s**2)
+        return x * fall + v * t * glide

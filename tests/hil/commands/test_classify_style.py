@@ -17,7 +17,7 @@ from highfive.hil.trials.partners import Partner, simulated_partners
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.files.trial_table import write_table
 from highfive.model import DEFAULT_MODEL
-from highfive.model.evaluation.style_classifier import ANGLES, FEATURES, WAY_BACK
+from highfive.model.evaluation.style_classifier import ANGLES, FEATURES
 from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.trials import Trial
 
@@ -32,10 +32,9 @@ def people() -> list[Partner]:
 
 def looks(emotion: str, rng: np.random.Generator, manner: str | None = None) -> np.ndarray:
     """Features of an emotion's posture and, if it is another, of the speed of a manner."""
-    values = rng.normal(0.0, 0.1, len(FEATURES) + len(WAY_BACK))
+    values = rng.normal(0.0, 0.1, len(FEATURES))
     values[EMOTIONS.index(emotion)] += 1.0
     values[len(ANGLES) + EMOTIONS.index(manner or emotion)] += 1.0
-    values[len(FEATURES) + EMOTIONS.index(emotion)] += 1.0
     return values
 
 

@@ -187,3 +187,21 @@ def test_an_unfamiliar_hand_that_hangs_or_is_far_is_left_alone(position: np.ndar
             palm(np.array([0.0, -0.25, 0.75]), OUT), palm(position, -OUT), Expectation(0.0, 9.0, False), SHOULDER, DT
         )
         assert target.phase is Phase.IDLE
+
+
+@pytest.mark.parametrize("late", [0.03, 0.08, 0.1, 0.2, 0.5])
+def test_a_tick_that_was_late_throws_no_hand(late: float) -> None:
+    """A computer that stood still in mid-approach: the palm is led no further than it would be anyway."""
+    times = np.concatenate([np.arange(0.0, 1.2, DT), 1.2 + late + np.arange(0.0, 1.0, DT)])
+    progress = minimum_jerk((times - 0.5) / 1.05)
+    generated = np.array([0.1, -0.2, 0.9]) + progress[:, None] * np.array([0.4, 0.24, 0.5])
+    person = np.array([1.0, 0.2, 0.9]) + progress[:, None] * np.array([-0.5, -0.2, 0.5])
+    velocity, steps = np.gradient(person, times, axis=0), np.diff(times, prepend=-DT)
+    reach = Reach()
+    for i, t in enumerate(times):
+        clock = Expectation(1.5 - float(t), 0.05, True)
+        target = reach.step(
+            palm(generated[i], OUT), palm(person[i], -OUT, velocity[i]), clock, SHOULDER, float(steps[i])
+        )
+        aimed = target.position - generated[i]
+        assert np.linalg.norm(aimed) < 0.15, (t, aimed)

@@ -82,7 +82,7 @@ def test_the_search_finds_a_message_from_a_file_without_a_network(site: Path) ->
             ("model file cut short", "Messages"),
             ("error: junk.c3d is not a C3D file (no C3D header)", "Messages mocap_bridge/files/c3d.py"),
             ("error: /dev/null: not a serial port", "Messages hil/drivers/bus/servo_port.py"),
-            ("error: --style happy=nan: the weights have to be numbers", "Messages model/hgpdm/style.py"),
+            ("error: --style happy=nan: the weights have to be numbers", "Messages"),
             ("how many participants do I need", "Experiments with people"),
         ):
             assert found_first(page, query, first) == first

@@ -11,20 +11,29 @@ from mkdocs.structure.files import File, Files
 
 ROOT = Path(__file__).parents[2]
 ROOMS = ("model", "mocap_bridge", "calibration", "hil")
+MARK = "<span hidden>highfivemessages</span>"
+"""A word of these sections alone, which the search of a pasted message asks for (worker.js)."""
 _SHORTEST = 12  # letters; what is shorter is no message
 _NO_MESSAGES = {"setting", "Option", "Argument", "compile", "match", "search", "sub", "Typer"}
 
 
 def on_files(files: Files, config: Any) -> Files:
     """Adds the page."""
-    lines = ["---", "search:", "  boost: 2.5", "---", "# Messages", "",
+    lines = ["# Messages", "",
              "What the program says when it refuses, stops, warns or waits, by the part that says it; "
              "… stands for a name, number or path. What to do is in the message itself; where it is not enough, see "
              "[when something is wrong](../troubleshooting.md).", ""]  # fmt: skip
     for path in sorted(one for room in ROOMS for one in (ROOT / room).rglob("*.py")):
         found = messages(path.read_text(encoding="utf-8"))
         if found:
-            lines += [f"## `{path.relative_to(ROOT).as_posix()}`", "", *(f"- {text}" for text in found), ""]
+            lines += [
+                f"## `{path.relative_to(ROOT).as_posix()}`",
+                "",
+                MARK,
+                "",
+                *(f"- {text}" for text in found),
+                "",
+            ]
     files.append(File.generated(config, "reference/messages.md", content="\n".join(lines)))
     return files
 

@@ -8,7 +8,8 @@ const asWords = (query) => {
   const kept = words.filter((word) => /^[a-z][a-z'-]{2,}$/i.test(word) && !COMMON.includes(word.toLowerCase()));
   if (!kept.length) return query;
   const message = /[:;,`'"/()\d]/.test(query);
-  return kept.map((word) => (message ? `text:${word.replace(/[-'].*/, "")}^1` : word)).join(" ");
+  if (!message) return kept.join(" ");
+  return ["+text:highfivemessages^1", ...kept.map((word) => `text:${word.replace(/[-'].*/, "")}^1`)].join(" ");
 };
 const asQuery = (data) => (data && data.type === 2 ? { ...data, data: asWords(data.data) } : data);
 

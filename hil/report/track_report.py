@@ -157,7 +157,7 @@ def _angles(summary: dict[str, Any]) -> str:
 def _markers(summary: dict[str, Any]) -> str:
     heads = [
         "marker", "seen", "gaps", "longest, ms", "hidden", "filled", "standard deviation of filled, median, mm",
-        "largest, mm", "not believed", "residual, median, mm", "95 %, mm", "largest, mm",
+        "the same, largest, mm", "not believed", "residual, median, mm", "residual, 95 %, mm", "residual, largest, mm",
     ]  # fmt: skip
     rows = []
     for name, of in summary["markers"].items():

@@ -217,7 +217,7 @@ def load_arm(path: Path, settings: ArmFileSettings = ARM_FILE) -> ArmCalibration
         HighFiveError: it is not so; one line says what.
     """
     data = read_toml(path, "the calibration")
-    if "mount" not in data and "joints" not in data and data:
+    if data and not {"arm", "mount", "joints"} & data.keys():
         kinds = ", ".join(f"[{name}]" for name in data)
         raise HighFiveError(f"{path} is no calibration of an arm: it has {kinds}, an arm's has [mount] and [joints]")
     try:

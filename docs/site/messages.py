@@ -1,4 +1,4 @@
-"""Every message with which the program refuses or stops, found in its source, so that the site's search finds it."""
+"""Every message with which the program refuses, stops, warns or waits, found in its source for the site's search."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 // Words of a message are not what a search takes by itself: short ones would be beginnings of any word, quotation marks
 // and hyphens would mean something, and names, numbers and paths are nowhere on these pages. What is pasted is reduced to
-// its words; a question stays what it is.
+// its words and looked for among the messages; a question loses its small words.
 const COMMON = "about after and another any are back been beside but can could does for from get has have here how its many more must need not one only our out own should that the their them then there they this use want was were what when where which why with without you your error".split(" ");
 const asWords = (query) => {
   const words = query.split(/\s+/).map((word) => word.replace(/^\W+|\W+$/g, ""));

@@ -120,12 +120,9 @@ def print_track(summary: dict[str, Any]) -> None:
         print(f"  frames not used       {summary['refused_frames']}: their markers span what no person does")
     if summary["missing"]:
         print(f"  never there           {', '.join(summary['missing'])}")
-    if summary["unused"]:
-        print(
-            f"  of no marker set      {', '.join(summary['unused'][:8])}{' …' if len(summary['unused']) > 8 else ''}: ",
-            end="",
-        )
-        print("left as they are, gaps and all")
+    if unused := summary["unused"]:
+        names = ", ".join(unused[:8]) + (" …" if len(unused) > 8 else "")
+        print(f"  of no marker set      {names}: left as they are, gaps and all")
     for number, line in enumerate(unseen_lines(summary)):
         print(f"  {'' if number else 'angles left blank':<20}  {line}")
     rows = {name: of for name, of in summary["markers"].items() if of["hidden"] or of["disbelieved"]}

@@ -39,7 +39,7 @@ class Phase(Enum):
 
 
 _LONGEST_STEP = 0.02
-"""s, of the low pass below: steps of more than two periods of its bandwidth, 77 ms, would not settle."""
+"""s, of the low pass of the miss: steps of more than 2 / ``steady``, 77 ms, would not settle."""
 
 
 @dataclass(frozen=True)

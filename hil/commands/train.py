@@ -136,6 +136,7 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         "trials": len(pairs),
         "without_contact": sum(not gesture.test for gesture in gestures),
         "whole_arm": model.arm_contact is not None,
+        "pose_by_arm": _pose_by_arm(model),
         "points": model.settings["points"],
         "memory_gb": round(needed, 2),
         "hosts": host_count(),
@@ -152,6 +153,11 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         "solving_seconds": round(1e-9 * (solved - start), 1),
         "seconds": round(1e-9 * (clock.now() - start), 1),
     }
+
+
+def _pose_by_arm(model: HGPDM) -> float:
+    """Share of the whole arm in what is said of the pose, 0 to 1."""
+    return 0.0 if model.ensemble is None or model.ensemble.arm is None else float(model.ensemble.arm.share)
 
 
 def _solved(options: TrainOptions, bar: Bar) -> list[SolvedPair]:
@@ -186,7 +192,7 @@ def _adapt(options: TrainOptions, bar: Bar, clock: Clock) -> dict[str, Any]:
     pairs = _solved(options, bar)
     trials = [pair.trial for pair in pairs]
     if before.arm_contact is not None and not have_arms([trial for trial in trials if not trial.test]):
-        say_aside("elbow, shoulder and head are not known in all trials: the adapted model looks at the hand alone")
+        say_aside("elbow, shoulder and head are known in too few trials: the adapted model looks at the hand alone")
     model, moved = adapt(before, trials, options.seed)
     save_model(model, options.out, replace=options.overwrite)
     rms = _marker_rms(pairs)
@@ -285,7 +291,8 @@ def summary(result: dict[str, Any]) -> list[str]:
         f"objective {result['objective']:.3f}; {fall}{advice}",
     ]
     by = "the whole arm" if result["whole_arm"] else "the hand alone"
-    lines.append(f"where and when palms meet is foretold by {by}")
+    pose = f", and {100.0 * result['pose_by_arm']:.0f} % of the pose" if result["pose_by_arm"] else ""
+    lines.append(f"where and when palms meet is foretold by {by}{pose}")
     if len(result["starts"]) > 1:
         each = [f"seed {s['seed']} {s['failure'] or format(s['objective'], '.3f')}" for s in result["starts"]]
         lines.append(f"kept seed {result['seed']} of: {', '.join(each)}")

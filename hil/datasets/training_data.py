@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from highfive.calibration.subject import Subject, fit_subject, same_bodies
@@ -37,6 +38,9 @@ APART = 0.3
 
 MEETING = 0.003
 """Palms that are nearly as near as they come, m."""
+
+WHOLE = 0.5
+"""Share of the frames in which an arm that is learned from has to be known."""
 
 
 @dataclass(frozen=True)
@@ -240,10 +244,10 @@ def track_hand(
 ) -> tuple[Array, Array, Array | None]:
     """Hand points (T, 2, 3), palm centre (T, 3) and elbow, shoulder and head (T, 3, 3), m, at 120 Hz.
 
-    By the tracker and the arm that run online. Where one of the markers of elbow, shoulder or head is never seen, None
-    stands for the last: what is inferred then is no person's.
+    By the tracker and the arm that run online. Where elbow, shoulder and head are not known in :data:`WHOLE` of the
+    frames, as where one of their markers is never seen, None stands for the last.
 
-    Where the tracker does not know the hand, it is between where it was and where it will be.
+    Where the tracker does not know a point, it is between where it was and where it will be.
 
     Raises:
         HighFiveError: the hand is seen in less than a tenth of the frames.
@@ -257,9 +261,17 @@ def track_hand(
     if len(known) < max(1, len(tracked) // 10):
         raise HighFiveError(f"{person.source} shows the person's right hand in {len(known)} of {len(tracked)} frames")
     arms = [arm(tracked[frame]) for frame in known]
-    at = np.arange(len(tracked))
-    flat = np.array([[*a.hand_points.reshape(-1), *a.palm.position, *a.arm_points.reshape(-1)] for a in arms])
-    if len(known) < len(tracked):
-        flat = np.stack([np.interp(at, known, column) for column in flat.T], axis=1)
-    whole = flat[:, 9:].reshape(-1, 3, 3) if arms[-1].whole else None
-    return flat[:, :6].reshape(-1, 2, 3), flat[:, 6:9], whole
+    hands = np.array([[*a.hand_points.reshape(-1), *a.palm.position] for a in arms])
+    hands = _everywhere(known, hands, len(tracked))
+    points = None
+    if np.mean(whole := [a.whole for a in arms]) >= WHOLE:
+        others = np.array([a.arm_points.reshape(-1) for a in arms])[whole]
+        points = _everywhere(known[whole], others, len(tracked)).reshape(-1, 3, 3)
+    return hands[:, :6].reshape(-1, 2, 3), hands[:, 6:], points
+
+
+def _everywhere(known: NDArray[np.int64], values: Array, frames: int) -> Array:
+    """Values (K, C) of the frames ``known`` (K,), and interpolated ones between, (frames, C)."""
+    if len(known) == frames:
+        return values
+    return np.stack([np.interp(np.arange(frames), known, column) for column in values.T], axis=1)

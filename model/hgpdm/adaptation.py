@@ -25,7 +25,7 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
 from highfive.model.gp.posterior import Posterior
 from highfive.model.gp.streaming import Evidence, evidence, function_variance, means, updated
-from highfive.model.hgpdm.arm_features import arm_history, have_arms
+from highfive.model.hgpdm.arm_features import arm_history, have_arms, with_arms
 from highfive.model.hgpdm.contact_layer import ArmContactLayer, ContactLayer, pooled
 from highfive.model.hgpdm.contact_training import approaches, calibration, precision
 from highfive.model.hgpdm.dataset import hand_history, training_set
@@ -121,6 +121,11 @@ class _Chosen(NamedTuple):
     error: Array | None
     variance: Array | None
 
+    def of(self, rows: NDArray[np.bool_]) -> _Chosen:
+        if self.error is None or self.variance is None:
+            return self
+        return self._replace(error=self.error[rows], variance=self.variance[rows])
+
 
 def adapt(
     model: HGPDM, trials: Sequence[Trial], seed: int = 0, settings: AdaptationSettings = ADAPTATION
@@ -148,10 +153,13 @@ def adapt(
         contact = ContactLayer(forecast.posterior, _scales(model.contact, contact_points, forecast))
         if model.arm_contact is not None and have_arms(learned):
             features, layer = model.arm_contact.features, model.arm_contact.layer
-            inputs = features(*(approaches(learned, look)[0] for look in (arm_history, tempo_history)))
-            points = contact_points._replace(inputs=inputs)
+            armed = with_arms(learned)
+            rows, known = np.isin(contact_points.trial, armed), [learned[index] for index in armed]
+            inputs = features(*(approaches(known, look)[0] for look in (arm_history, tempo_history)))
+            points = contact_points.of(rows)._replace(inputs=inputs)
+            points = points._replace(trial=np.searchsorted(armed, points.trial))
             by_arm = _adapted(_layer(layer.posterior, 0), points, seed, settings)
-            scales = _scales(layer, points, by_arm, forecast)
+            scales = _scales(layer, points, by_arm, forecast.of(rows))
             arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, scales))
     posterior = _with_noise(avatar, avatar_points)
     about: dict[str, object] = {"adapted_from": model.data_hash, "adapted_trials": len(learned), "share": avatar.share}

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from highfive.model.compiled import compiled, compiled_entry
+from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.features import scales
 from highfive.model.hgpdm.tempo import TEMPO
@@ -25,6 +26,8 @@ STILL = 0.01
 would say everything once somebody does."""
 USUAL = 0.995
 """Share of the frames whose tempo is no larger than what counts as known."""
+ENOUGH = 0.75
+"""Share of the trials in which the arm has to be known, for a layer to be learned from these."""
 POINTS = 5  # wrist, knuckles, elbow, shoulder, head
 COORDINATES = 3 * POINTS
 _WRIST, _KNUCKLES, _ELBOW, _SHOULDER, _HEAD = range(POINTS)
@@ -82,9 +85,22 @@ def arm_history(trial: Trial, times: Array) -> Array:
     return np.stack(columns, axis=-1)
 
 
+def with_arms(trials: Sequence[Trial]) -> list[int]:
+    """Indices of those whose elbow, shoulder and head are known."""
+    return [index for index, trial in enumerate(trials) if trial.arm_points is not None]
+
+
 def have_arms(trials: Sequence[Trial]) -> bool:
-    """Whether elbow, shoulder and head are known in all of them."""
-    return bool(trials) and all(trial.arm_points is not None for trial in trials)
+    """Whether elbow, shoulder and head are known in enough of them to learn from: one bad take shall not cost the rest
+    theirs."""
+    return bool(trials) and len(with_arms(trials)) >= ENOUGH * len(trials)
+
+
+def check_arms(trials: Sequence[Trial]) -> None:
+    """Raises HighFiveError unless :func:`have_arms`."""
+    if not have_arms(trials):
+        known = f"elbow, shoulder and head are known in {len(with_arms(trials))} of {len(trials)} trials"
+        raise HighFiveError(f"{known}: too few to learn from the whole arm")
 
 
 def _linear() -> Array:

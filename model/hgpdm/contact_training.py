@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp import sparse
 from highfive.model.gp.kernels import MotionKernel
@@ -19,7 +18,7 @@ from highfive.model.gp.optimise import ProgressCallback
 from highfive.model.gp.posterior import Posterior
 from highfive.model.gp.regression import learned
 from highfive.model.gp.sparse import Layer, Targets
-from highfive.model.hgpdm.arm_features import arm_history, fit_arm_features, have_arms
+from highfive.model.hgpdm.arm_features import arm_history, check_arms, fit_arm_features, with_arms
 from highfive.model.hgpdm.contact_layer import (
     BEGIN,
     CHANNELS,
@@ -121,25 +120,25 @@ def fit_contact_layers(
         seed: of their choice.
         progress: called after every step.
         settings: how they learn.
-        whole_arm: learn the second layer, too.
+        whole_arm: learn the second layer, too, from the trials that have one.
 
     Raises:
-        HighFiveError: it is wanted, and a trial lacks elbow, shoulder and head.
+        HighFiveError: it is wanted, and too many trials lack elbow, shoulder and head.
     """
-    if whole_arm and not have_arms(trials):
-        raise HighFiveError(
-            "elbow, shoulder and head are not known in all trials: the whole arm cannot be learned from"
-        )
+    if whole_arm:
+        check_arms(trials)
     hands, left, number = approaches(trials, lambda trial, times: hand_history(trial, times, history))
     hand = _fitted(np.asarray(feature_map(hands)), left, number, inducing, seed, progress, settings)
     hand_layer = ContactLayer(hand.posterior, _calibration(hand, left, number, settings))
     if not whole_arm:
         return hand_layer, None
-    arms, _, _ = approaches(trials, arm_history)
-    tempo, _, _ = approaches(trials, tempo_history)
+    armed = with_arms(trials)
+    known, rows = [trials[index] for index in armed], np.isin(number, armed)
+    arms, left, number = approaches(known, arm_history)
+    tempo, _, _ = approaches(known, tempo_history)
     features = fit_arm_features(arms, tempo)
     arm = _fitted(features(arms, tempo), left, number, inducing, seed, progress, settings)
-    both = _Fitted(arm.posterior, pooled(arm.error, hand.error), pooled(arm.variance, hand.variance))
+    both = _Fitted(arm.posterior, pooled(arm.error, hand.error[rows]), pooled(arm.variance, hand.variance[rows]))
     return hand_layer, ArmContactLayer(
         features, ContactLayer(arm.posterior, _calibration(both, left, number, settings))
     )

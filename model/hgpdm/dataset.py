@@ -97,6 +97,11 @@ def hand_history(trial: Trial | Gesture, times: Array, history: Sequence[float])
     return np.stack([np.interp(times, frames, points[:, d]) for d in range(HAND_DIMS)], axis=-1)
 
 
+def sample_times(trial: Trial, lag: float) -> Array:
+    """Times (T,), s from the first frame, of a trial's points that are ``lag`` s apart."""
+    return np.arange(0.0, (len(trial.joints) - 1) / trial.rate_hz + 1e-9, lag)
+
+
 def output_channels(trial: Trial, times: Array) -> Array:
     """The avatar's channels (T, channels) at ``times`` (T,) s from the first frame."""
     frames = np.arange(len(trial.joints)) / trial.rate_hz
@@ -160,7 +165,7 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
         raise HighFiveError(f"no training trial of emotion {', '.join(missing)}; there are {', '.join(found)}")
 
     _, highest = sampling(trials, preset)
-    times = [np.arange(0.0, (len(trial.joints) - 1) / trial.rate_hz + 1e-9, 1.0 / highest) for trial in trials]
+    times = [sample_times(trial, 1.0 / highest) for trial in trials]
     history = np.concatenate([hand_history(t, at, preset.history) for t, at in zip(trials, times, strict=True)])
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])
     trial_index = np.repeat(np.arange(len(trials)), [len(at) for at in times])

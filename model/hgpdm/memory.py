@@ -23,6 +23,7 @@ NUMBER = 8  # bytes of a float64
 # Fitted to 50,000 and 200,000 points of 169 channels and 24 features, 200 inducing inputs (docs/performance.md).
 PROGRAM = 1.15e9  # bytes of Python, JAX, its compiled code, and what does not grow
 CHANNEL_COPIES = 4.0  # of points × channels: outputs, scaled, and at the start and the end of training
+DIRECT_COPIES = 13.0  # of the same, for the direct answers: errors of each, of the pool and of the arm
 START_COPIES = 1.5  # of points × inducing inputs, where the start's regression is made
 FEATURE_COPIES = 4.0
 LATENT_COPIES = 20.0  # of points × latents: values, inputs of four layers, gradients, what differentiation keeps
@@ -47,7 +48,8 @@ def points_of(trials: Sequence[Trial], preset: Preset) -> Shape:
 def training_bytes(shape: Shape, inducing: int, preset: Preset) -> float:
     """Bytes at the peak of a training, beside the trials themselves; right to some 30 % (docs/performance.md)."""
     latents = preset.avatar_dims + preset.human_dims + preset.interaction_dims
-    row = CHANNEL_COPIES * shape.channels + START_COPIES * inducing
+    channels = CHANNEL_COPIES + (DIRECT_COPIES if preset.pooled else 0.0)
+    row = channels * shape.channels + START_COPIES * inducing
     row += FEATURE_COPIES * shape.features + LATENT_COPIES * latents
     return PROGRAM + NUMBER * shape.points * row
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax
@@ -20,10 +21,22 @@ from highfive.model.gp.kernels import MotionKernel
 from highfive.model.gp.optimise import ProgressCallback
 from highfive.model.gp.posterior import Posterior
 from highfive.model.gp.regression import learned
-from highfive.model.gp.sparse import Layer
+from highfive.model.gp.sparse import Layer, Targets
+from highfive.model.hgpdm.arm_features import arm_history, fit_arm_features, with_arms
+from highfive.model.hgpdm.dataset import TrainingSet, sample_times
 from highfive.model.hgpdm.hierarchy import Problem
-from highfive.model.hgpdm.pose_ensemble import HIERARCHY, NEAREST, NEIGHBOURS, REGRESSION, Neighbours, PoseEnsemble
+from highfive.model.hgpdm.pose_ensemble import (
+    HIERARCHY,
+    NEAREST,
+    NEIGHBOURS,
+    REGRESSION,
+    ArmAnswer,
+    Neighbours,
+    PoseEnsemble,
+)
+from highfive.model.hgpdm.tempo import tempo_history
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Trial
 from highfive.model.settings import Settings, setting
 
 
@@ -42,6 +55,8 @@ class EnsembleTrainingSettings(Settings):
     """Share of the recorded values that the pool's central intervals of this size should hold."""
     usual: float = setting(0.99, above=0.0, most=1.0)
     """Share of such points whose neighbours are as near as a hand's must be for the direct answers to count in full."""
+    worth: float = setting(0.02, above=0.0, most=1.0)
+    """Share of the error that the whole arm has to take off."""
     narrowest: float = setting(0.5, above=0.0)
     widest: float = setting(4.0, above=0.0)
     """Bounds of a channel's factor."""
@@ -52,6 +67,8 @@ class EnsembleTrainingSettings(Settings):
         return self.least_noise, self.most_noise
 
 
+ARM_SHARES = (0.0, 0.2, 0.4)
+"""Of what the whole arm says. Half was another percent better where people walk, and would lean on it more."""
 ONLINE = 1.08
 """Deviations that the filter says over those by the back projections alone: 1.03 to 1.1 in the channels that matter."""
 _FAR = 1e9
@@ -86,6 +103,31 @@ def regression_posterior(
     return sparse.fit(layer, jnp.asarray(task.features[kept]), scaled, noise, styles, offset, scale)
 
 
+class SeenArms(NamedTuple):
+    """The whole arm at the training points.
+
+    Attributes:
+        known: (N,) where it is known; of these n:
+        arms: (n, H + 1, 15) m, now and before, see :func:`highfive.model.hgpdm.arm_features.arm_history`.
+        tempo: (n, TEMPO), of the reach.
+    """
+
+    known: NDArray[np.bool_]
+    arms: Array
+    tempo: Array
+
+
+def seen_arms(trials: Sequence[Trial], data: TrainingSet) -> SeenArms:
+    """The arms of the trials from which ``data`` was sampled."""
+    armed = with_arms(trials)
+    times = [sample_times(trials[index], data.lag) for index in armed]
+    looks = (arm_history, tempo_history)
+    arms, tempo = (
+        np.concatenate([look(trials[index], at) for index, at in zip(armed, times, strict=True)]) for look in looks
+    )
+    return SeenArms(np.isin(data.trial, armed), arms, tempo)
+
+
 def fit_ensemble(
     model: HGPDM,
     task: Problem,
@@ -93,6 +135,7 @@ def fit_ensemble(
     seed: int,
     progress: ProgressCallback | None = None,
     settings: EnsembleTrainingSettings = ENSEMBLE_TRAINING,
+    seen: SeenArms | None = None,
 ) -> tuple[PoseEnsemble, LeftOut | None]:
     """Learns what answers beside a trained hierarchy; and what of it is said of trials that were left out.
 
@@ -103,14 +146,53 @@ def fit_ensemble(
         seed: of their choice.
         progress: called after every step.
         settings: as said there.
+        seen: the whole arm; None where it is not to be learned from.
     """
     rng = np.random.default_rng(seed)
     stage = "direct answers"
     layer, noise = regression_layer(task, inducing, rng, settings.iterations, settings.noise, stage, progress)
     regression = regression_posterior(layer, noise, task)
     left_out = _left_out(task, layer, noise, settings)
-    spread = _spread(model, task, regression, left_out, settings)
-    return PoseEnsemble(regression, neighbours_of(task, left_out), spread), left_out
+    if left_out is None:
+        return PoseEnsemble(regression, neighbours_of(task, None), np.ones(len(task.avatar_scale))), None
+    pool, deviation = _pool_errors(model, task, regression, left_out)
+    arm = None
+    if seen is not None:
+        arm, left_out = _fit_arm(task, seen, pool, left_out, inducing, rng, progress, settings)
+    return PoseEnsemble(regression, neighbours_of(task, left_out), _spread(pool, deviation, settings), arm), left_out
+
+
+def _fit_arm(
+    task: Problem, seen: SeenArms, pool: Array, left_out: LeftOut, inducing: int, rng: np.random.Generator,
+    progress: ProgressCallback | None, settings: EnsembleTrainingSettings,
+) -> tuple[ArmAnswer | None, LeftOut]:  # fmt: skip
+    """What the whole arm says of the pose, None where that is not worth it; beside what is said of trials left out.
+
+    Its share is the one with which the pool, of errors ``pool`` (N, channels) without it, errs least there: over the
+    points at which the arm is known, each channel in its own scale.
+    """
+    features = fit_arm_features(seen.arms, seen.tempo)
+    armed = _from(task, seen.known, features(seen.arms, seen.tempo))
+    layer, noise = regression_layer(armed, inducing, rng, settings.iterations, settings.noise, "whole arm", progress)
+    error = left_out.direct.copy()
+    error[seen.known] = own = _regression_errors(armed, layer, noise, _folds(task, settings))
+    known = pool[seen.known]
+    errors = [
+        np.sqrt(np.mean((((1.0 - share) * known + share * own) / task.avatar_scale) ** 2)) for share in ARM_SHARES
+    ]
+    best = int(np.argmin(errors))
+    if errors[best] > (1.0 - settings.worth) * errors[0]:
+        return None, left_out
+    arm = ArmAnswer(features, regression_posterior(layer, noise, armed), np.array(ARM_SHARES[best]))
+    return arm, left_out._replace(arm=error, share=ARM_SHARES[best])
+
+
+def _from(task: Problem, rows: NDArray[np.bool_], features: Array) -> Problem:
+    """The points ``rows`` (N,) with other ``features`` (n, F), for a regression to the same channels."""
+    data, targets = task.data, task.avatar_targets
+    parts = {name: getattr(data, name)[rows] for name in ("outputs", "styles", "trial")}
+    kept = Targets(targets.thin[rows], targets.channels, targets.discarded * float(np.mean(rows)))
+    return replace(task, data=replace(data, **parts), features=features, avatar_targets=kept)
 
 
 class LeftOut(NamedTuple):
@@ -120,17 +202,27 @@ class LeftOut(NamedTuple):
         regression, neighbours: (N, channels) errors of the direct answers.
         distance: (N,) of the :data:`NEAREST`-th point.
         fold: (N,) that each point was left out with.
+        arm: (N, channels) errors of what the whole arm says, where it is not known those of the other direct answers;
+            None where it is not asked.
+        share: of that in the pool.
     """
 
     regression: Array
     neighbours: Array
     distance: Array
     fold: NDArray[np.int64]
+    arm: Array | None = None
+    share: float = 0.0
 
     @property
     def direct(self) -> Array:
         """(N, channels) errors of both direct answers, as they are pooled."""
         return (REGRESSION * self.regression + NEIGHBOURS * self.neighbours) / (REGRESSION + NEIGHBOURS)
+
+    @property
+    def with_arm(self) -> Array:
+        """(N, channels) errors of all direct answers."""
+        return self.direct if self.arm is None else (1.0 - self.share) * self.direct + self.share * self.arm
 
 
 def neighbours_of(task: Problem, left_out: LeftOut | None) -> Neighbours:
@@ -167,39 +259,51 @@ def local_average(features: Array, values: Array, at: Array) -> tuple[Array, Arr
 def _left_out(task: Problem, layer: Layer, noise: jax.Array, settings: EnsembleTrainingSettings) -> LeftOut | None:
     """What the direct answers are of trials that were left out; of one trial alone, None."""
     outputs, styles, trial = task.data.outputs, task.data.styles, task.data.trial
-    folds = min(settings.folds, int(trial[-1]) + 1)
-    if folds < 2:
+    if (folds := _folds(task, settings)) < 2:
         return None
     features, style = task.features, np.argmax(styles, axis=1)
-    regression, neighbours, distance = np.empty_like(outputs), np.empty_like(outputs), np.empty(len(outputs))
+    neighbours, distance = np.empty_like(outputs), np.empty(len(outputs))
     for fold in range(folds):
         out = trial % folds == fold
-        without = regression_posterior(layer, noise, task, ~out)
-        regression[out] = np.asarray(sparse.means(without, features[out], styles[out])) - outputs[out]
         for k in range(styles.shape[1]):
             rows, others = out & (style == k), ~out & (style == k)
             if np.any(rows):
                 pool = others if np.any(others) else ~out
                 average, distance[rows] = local_average(features[pool], outputs[pool], features[rows])
                 neighbours[rows] = average - outputs[rows]
-    return LeftOut(regression, neighbours, distance, trial % folds)
+    return LeftOut(_regression_errors(task, layer, noise, folds), neighbours, distance, trial % folds)
 
 
-def _spread(
-    model: HGPDM, task: Problem, full: Posterior, left_out: LeftOut | None, settings: EnsembleTrainingSettings
-) -> Array:
-    """Factors (channels,) of the hierarchy's deviations, by the pool's errors at points of trials that were left out.
+def _folds(task: Problem, settings: EnsembleTrainingSettings) -> int:
+    return min(settings.folds, int(task.data.trial[-1]) + 1)
+
+
+def _regression_errors(task: Problem, layer: Layer, noise: jax.Array, folds: int) -> Array:
+    """Errors (N, channels) of a regression that has its weights of the other trials."""
+    outputs, styles, fold = task.data.outputs, task.data.styles, task.data.trial % folds
+    error = np.empty_like(outputs)
+    for one in range(folds):
+        if np.any(out := fold == one):
+            without = regression_posterior(layer, noise, task, ~out)
+            error[out] = np.asarray(sparse.means(without, task.features[out], styles[out])) - outputs[out]
+    return error
+
+
+def _pool_errors(model: HGPDM, task: Problem, full: Posterior, left_out: LeftOut) -> tuple[Array, Array]:
+    """Errors (N, channels) of the pool at points of trials that were left out, and the hierarchy's deviations there.
 
     The direct answers are those of the other trials. The hierarchy cannot be learned anew for each fold: its errors are
     taken to grow as the regression's do, which has the same features, points and number of inducing inputs.
     """
-    if left_out is None:
-        return np.ones(len(task.avatar_scale))
     inside = np.asarray(sparse.means(full, task.features, task.data.styles)) - task.data.outputs
     growth = np.sqrt(np.mean(left_out.regression**2, axis=0) / np.maximum(np.mean(inside**2, axis=0), 1e-12))
     hierarchy, deviation = _hierarchy_errors(model, task)
-    pooled = HIERARCHY * np.maximum(growth, 1.0) * hierarchy + (REGRESSION + NEIGHBOURS) * left_out.direct
-    relative = np.sort(np.abs(pooled) / deviation, axis=0)
+    return HIERARCHY * np.maximum(growth, 1.0) * hierarchy + (REGRESSION + NEIGHBOURS) * left_out.direct, deviation
+
+
+def _spread(pool: Array, deviation: Array, settings: EnsembleTrainingSettings) -> Array:
+    """Factors (channels,) of the hierarchy's deviations (N, channels), by the ``pool``'s errors (N, channels)."""
+    relative = np.sort(np.abs(pool) / deviation, axis=0)
     largest = relative[min(int(settings.region * len(relative)), len(relative) - 1)]
     return np.clip(largest / math.sqrt(chdtri(1, 1.0 - settings.region)), settings.narrowest, settings.widest)
 

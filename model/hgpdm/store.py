@@ -24,7 +24,7 @@ from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.intent_features import SIZE as INTENT_SIZE
 from highfive.model.hgpdm.intent_features import IntentFeatures
 from highfive.model.hgpdm.intent_layer import IntentLayer
-from highfive.model.hgpdm.pose_ensemble import Neighbours, PoseEnsemble
+from highfive.model.hgpdm.pose_ensemble import ArmAnswer, Neighbours, PoseEnsemble
 from highfive.model.hgpdm.presets import Preset
 from highfive.model.hgpdm.task_space import KNOTS as TASK_KNOTS
 from highfive.model.hgpdm.task_space import TaskSpace
@@ -66,10 +66,13 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
     if model.arm_contact is not None:
         arrays |= _layer_arrays("arm_contact", model.arm_contact.layer.posterior)
         arrays |= {"arm_contact.scales": model.arm_contact.layer.scales}
-        arrays |= {f"arm_features.{name}": getattr(model.arm_contact.features, name) for name in ARM_FEATURES}
+        arrays |= _arm_arrays("arm_features", model.arm_contact.features)
     if model.ensemble is not None:
         arrays |= _layer_arrays("direct", model.ensemble.regression) | {"direct.spread": model.ensemble.spread}
         arrays |= {f"neighbours.{name}": getattr(model.ensemble.neighbours, name) for name in NEIGHBOURS}
+        if (arm := model.ensemble.arm) is not None:
+            arrays |= _layer_arrays("direct_arm", arm.regression) | {"direct_arm.share": arm.share}
+            arrays |= _arm_arrays("direct_arm_features", arm.features)
     if model.task_space is not None:
         space = model.task_space
         arrays |= {f"palm_chain.{name}": value for name, value in space.chain._asdict().items()}
@@ -227,7 +230,7 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         emotion=arrays["emotion"].astype(np.int32),
         learning_curve=arrays.get("learning_curve", np.zeros(0)).astype(np.float32),
         arm_contact=ArmContactLayer(
-            _arm_features(arrays),
+            _arm_features("arm_features", arrays),
             ContactLayer(_layer("arm_contact", arrays), arrays["arm_contact.scales"]),
         )
         if "arm_contact.scales" in arrays
@@ -237,6 +240,7 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
             _layer("direct", arrays),
             _neighbours(arrays),
             arrays["direct.spread"],
+            _arm_answer(arrays) if "direct_arm.share" in arrays else None,
         )
         if "direct.spread" in arrays
         else None,
@@ -250,10 +254,20 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
     )
 
 
-def _arm_features(arrays: Mapping[str, Any]) -> ArmFeatures:
-    if "arm_features.furthest" not in arrays:
+def _arm_arrays(name: str, features: ArmFeatures) -> dict[str, Array]:
+    return {f"{name}.{field}": getattr(features, field) for field in ARM_FEATURES}
+
+
+def _arm_features(name: str, arrays: Mapping[str, Any]) -> ArmFeatures:
+    if f"{name}.furthest" not in arrays:
         raise ValueError("its layer of the whole arm knows no tempo; train it again")
-    return ArmFeatures(*(arrays[f"arm_features.{name}"] for name in ARM_FEATURES))
+    return ArmFeatures(*(arrays[f"{name}.{field}"] for field in ARM_FEATURES))
+
+
+def _arm_answer(arrays: dict[str, Any]) -> ArmAnswer:
+    return ArmAnswer(
+        _arm_features("direct_arm_features", arrays), _layer("direct_arm", arrays), arrays["direct_arm.share"]
+    )
 
 
 def _task_space(arrays: Mapping[str, Any]) -> TaskSpace:
@@ -298,14 +312,13 @@ def _check_beside(model: HGPDM, inputs: int) -> None:
         _check_layer("contact", model.contact.posterior, inputs, CHANNELS)
         _check_scales(model.contact)
     if model.arm_contact is not None:
-        features = model.arm_contact.features
-        shapes = features.centre.shape, features.factor.shape, features.furthest.shape
-        if shapes != ((SIZE,), (SIZE,), (TEMPO,)):
-            raise ValueError(f"features of the arm of shapes {shapes}, expected {((SIZE,), (SIZE,), (TEMPO,))}")
+        _check_arm_features(model.arm_contact.features)
         _check_layer("arm_contact", model.arm_contact.layer.posterior, SIZE, CHANNELS)
         _check_scales(model.arm_contact.layer)
     if model.ensemble is not None:
         _check_ensemble(model.ensemble, inputs, model.joints + AUXILIARY, len(model.emotions))
+        if model.ensemble.arm is not None and model.arm_contact is None:
+            raise ValueError("its pose is told by the whole arm, of which no layer says where palms meet")
     if model.task_space is not None:
         _check_task_space(model.task_space, model.joints)
     if model.intent is not None:
@@ -317,10 +330,23 @@ def _check_beside(model: HGPDM, inputs: int) -> None:
             raise ValueError(f"a calibration of the intent of shape {model.intent.squash.shape}, expected (2,)")
 
 
+def _check_arm_features(features: ArmFeatures) -> None:
+    shapes = features.centre.shape, features.factor.shape, features.furthest.shape
+    if shapes != ((SIZE,), (SIZE,), (TEMPO,)):
+        raise ValueError(f"features of the arm of shapes {shapes}, expected {((SIZE,), (SIZE,), (TEMPO,))}")
+
+
 def _check_ensemble(ensemble: PoseEnsemble, inputs: int, channels: int, styles: int) -> None:
     _check_layer("direct", ensemble.regression, inputs, channels)
-    style = ensemble.regression.style_covariance
-    if style is None or style.shape != (styles, styles) or ensemble.spread.shape != (channels,):
+    styled = [ensemble.regression.style_covariance]
+    if (arm := ensemble.arm) is not None:
+        _check_layer("direct_arm", arm.regression, SIZE, channels)
+        _check_arm_features(arm.features)
+        styled.append(arm.regression.style_covariance)
+        if arm.share.shape != () or not 0.0 <= arm.share <= 1.0:
+            raise ValueError(f"a share of the whole arm of {arm.share}, expected 0 to 1")
+    shapes = [None if style is None else style.shape for style in styled]
+    if shapes != [(styles, styles)] * len(styled) or ensemble.spread.shape != (channels,):
         raise ValueError(f"direct answers do not have {styles} styles and {channels} channels")
     near = ensemble.neighbours
     count, size = len(near.features), len(near.basis)

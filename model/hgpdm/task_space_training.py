@@ -43,7 +43,7 @@ def fit_task_space(
     where, outputs = Channels(task.data.outputs.shape[1] - AUXILIARY), task.data.outputs
     if 3 * int(chain.joints.max()) >= where.joints:
         return None
-    pool = outputs + left_out.direct
+    pool = outputs + left_out.with_arm
     point, time = _forecasts(trials, task, contact, left_out.fold)
     clock = CLOCK_SCALE * np.arctanh(np.clip(pool[:, where.clock], -0.98, 0.98))
     used = (clock > END) & (clock < BEGIN) & (np.abs(time - clock) < APART)
@@ -57,7 +57,7 @@ def fit_task_space(
     missing = (outputs - pool)[used, where.palm].reshape(-1)
     gram = design.T @ design + PENALTY * np.eye(2 * len(KNOTS))
     slopes = np.asarray(np.linalg.solve(gram, design.T @ missing), dtype=float)
-    errors = left_out.direct[used][:, led_channels(chain, where)]
+    errors = left_out.with_arm[used][:, led_channels(chain, where)]
     covariance = errors.T @ errors / len(errors) + STIFF * np.eye(errors.shape[1])
     return TaskSpace(chain, covariance, slopes.reshape(2, len(KNOTS)))
 

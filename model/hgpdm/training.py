@@ -21,7 +21,7 @@ from highfive.model.gp.optimise import ProgressCallback, State, minimise
 from highfive.model.gp.posterior import Posterior
 from highfive.model.gp.regression import learned
 from highfive.model.gp.sparse import Layer, Targets
-from highfive.model.hgpdm.arm_features import have_arms
+from highfive.model.hgpdm.arm_features import check_arms, have_arms
 from highfive.model.hgpdm.checkpoint import Checkpoint
 from highfive.model.hgpdm.contact_training import fit_contact_layers
 from highfive.model.hgpdm.dataset import AUXILIARY, TrainingSet, training_set
@@ -41,7 +41,7 @@ from highfive.model.hgpdm.hierarchy import (
 )
 from highfive.model.hgpdm.initial import initial_parameters
 from highfive.model.hgpdm.intent_training import fit_intent
-from highfive.model.hgpdm.pose_ensemble_training import LeftOut, fit_ensemble
+from highfive.model.hgpdm.pose_ensemble_training import LeftOut, fit_ensemble, seen_arms
 from highfive.model.hgpdm.presets import Preset, preset_named
 from highfive.model.hgpdm.restarts import Best, Say, best_of
 from highfive.model.hgpdm.sharding import spread
@@ -98,7 +98,7 @@ def train(
         checkpoint: file that training writes as it goes and resumes from after an interruption; it stays there.
         restarts: so many seeds, from ``seed`` on; the one with the lowest objective is kept.
         say: called with a line about what a user should know: that it resumes, that a seed failed.
-        whole_arm: elbow, shoulder and head, too, tell where and when palms will meet; None: if all trials have them.
+        whole_arm: elbow, shoulder and head, too, tell where and when palms will meet; None: if most trials have them.
         chain: the joints that carry the avatar's palm, which is led to where the palms will meet; None leads none.
         gestures: raised hands to which no contact comes; those held out are left out. Of none, the model does not learn
             to tell whether a contact is coming, and every raised hand is met.
@@ -109,9 +109,12 @@ def train(
     chosen = preset_named(preset) if isinstance(preset, str) else preset
     data = training_set(trials, chosen, emotions)
     task = problem(data, chosen)
-    model, left_out = _train_on(task, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say)
     learned = [trial for trial in trials if not trial.test]
     arms = have_arms(learned) if whole_arm is None else whole_arm
+    if arms:
+        check_arms(learned)  # before a minute is spent on the hierarchy
+    armed = learned if arms else ()
+    model, left_out = _train_on(task, inducing, seed, skeleton_hash, progress, checkpoint, restarts, say, armed)
     contact, arm = fit_contact_layers(
         learned, model.feature_map, chosen.history, inducing, seed, progress, whole_arm=arms
     )
@@ -148,8 +151,12 @@ def _train_on(
     checkpoint: Path | str | None,
     restarts: int,
     say: Say,
+    armed: Sequence[Trial] = (),
 ) -> tuple[HGPDM, LeftOut | None]:
-    """The model, and what its direct answers are of trials that were left out, where it has such answers."""
+    """The model, and what its direct answers are of trials that were left out, where it has such answers.
+
+    ``armed`` are the trials of the points, where the whole arm is to be learned from.
+    """
     data, chosen = task.data, task.preset
     if inducing < 2:
         raise HighFiveError(f"{inducing} inducing inputs; at least 2 are needed, 200 are usual")
@@ -188,7 +195,8 @@ def _train_on(
     model = assemble(best.parameters, task, skeleton_hash, _settings(best, data, inducing), best.trace, progress)
     if not chosen.pooled:
         return model, None
-    ensemble, left_out = fit_ensemble(model, task, inducing, seed, progress)
+    seen = seen_arms(armed, data) if armed else None
+    ensemble, left_out = fit_ensemble(model, task, inducing, seed, progress, seen=seen)
     return replace(model, ensemble=ensemble), left_out
 
 

@@ -1,4 +1,4 @@
-"""The person's whole arm over the last ticks, and where and when the palms will meet by it."""
+"""The person's whole arm over the last ticks, and by it where and when the palms will meet, and the pose."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from highfive.model.compiled import compiled_entry
+from highfive.model.compiled import compiled, compiled_entry
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.arm_features import (
     ARM_SIZE,
@@ -20,11 +20,14 @@ from highfive.model.hgpdm.arm_features import (
 )
 from highfive.model.hgpdm.contact_layer import ARM_SHARE, CHANNELS, ArmContactLayer, pooled
 from highfive.model.hgpdm.dataset import KNUCKLES
+from highfive.model.hgpdm.pose_ensemble import ArmAnswer
 from highfive.model.hgpdm.tempo import SPANS, STATE, TEMPO, at_rest, moved, tempo_of, unseen
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.belief import packed, tick_weights
 from highfive.model.online.contact_forecast import ContactForecast, contact_forecast
-from highfive.model.online.layer import predict_layer
+from highfive.model.online.direct_answers import NO_ARM, PoseByArm
+from highfive.model.online.layer import layer_mean, predict_layer
+from highfive.model.online.tick import history_of
 
 MEASURED = 3e-3
 """m, standard deviation of a point: one that is known so well is as in training, and the layer's noise has that."""
@@ -66,10 +69,20 @@ class LastArm(NamedTuple):
 class ArmTrack:
     """The last ticks of an arm. They are a window of a longer array, which moves down it: rows are written once."""
 
-    def __init__(self, layer: ArmContactLayer, rate_hz: float) -> None:
-        """At so many ticks per second; compiles what is called later."""
+    def __init__(
+        self, layer: ArmContactLayer, rate_hz: float, answer: ArmAnswer | None = None, styles: int = 1
+    ) -> None:
+        """Compiles what is called later.
+
+        Args:
+            layer: where and when the palms will meet.
+            rate_hz: ticks per second.
+            answer: what the arm says of the pose, if anything.
+            styles: their number K.
+        """
         self._layer, self._contact = layer.layer, packed(layer.layer.posterior)
-        self._features = layer.features
+        self._features, self._answer = layer.features, answer
+        self._pose = None if answer is None else packed(answer.regression, styles)
         self._ticks, self._seconds = tick_weights(HISTORY, rate_hz), 1.0 / rate_hz
         self._before = tick_weights(SPANS, rate_hz)[1:].mean(axis=0)
         self.reset()
@@ -78,9 +91,9 @@ class ArmTrack:
             self.step(*nothing)
         self.reset()
         ticks = np.zeros((self._ticks.shape[1], 2, COORDINATES))
-        self.forecast(
-            LastArm(ticks, np.zeros(STATE), 0.0, ARM_SHARE), np.zeros(3), (np.zeros(CHANNELS), np.eye(CHANNELS))
-        )
+        arm = LastArm(ticks, np.zeros(STATE), 0.0, ARM_SHARE)
+        self.forecast(arm, np.zeros(3), (np.zeros(CHANNELS), np.eye(CHANNELS)))
+        self.pose(arm, np.full(styles, 1.0 / styles))
 
     def reset(self) -> None:
         """Nobody is there yet: whoever comes first has stood still before."""
@@ -156,6 +169,23 @@ class ArmTrack:
         left, doubt = (pooled(one, other, share) for one, other in zip((by_arm, covariance), hand, strict=True))
         return contact_forecast(knuckles, left, doubt, self._layer)
 
+    def pose(self, arm: LastArm | None, style: Array) -> PoseByArm:
+        """What an arm says of the pose, and its share in the pool.
+
+        Args:
+            arm: it.
+            style: (K,) weights.
+        """
+        if arm is None or self._answer is None or self._pose is None:
+            return NO_ARM
+        features, tempo = self._answer.features, np.empty(TEMPO)
+        known = known_tempo(arm.tempo, features.furthest, tempo)
+        share = float(self._answer.share) * known * arm.share / ARM_SHARE
+        if share == 0.0:
+            return NO_ARM
+        parts = LINEAR, features.centre, features.factor, self._ticks, self._pose, arm.ticks, tempo, style
+        return PoseByArm(_pose(*parts), share)
+
 
 BEYOND = 0.15
 """Of the largest that training had, or of 1: a tempo that is further beyond it by this begins to count less, by twice
@@ -215,28 +245,41 @@ def _forecast(
     linear: Array, centre: Array, factor: Array, ticks: Array, contact: Array, arms: Array, tempo: Array
 ) -> tuple[Array, Array]:
     """Way and time left: mean (4,) and covariance (4, 4), by arms and a tempo (TEMPO,)."""
-    arm, doubts = np.zeros(len(ticks) * COORDINATES), np.zeros(len(ticks) * COORDINATES)
-    for time in range(len(ticks)):
-        for tick in range(len(arms)):
-            weight = ticks[time, tick]
-            if weight != 0.0:
-                for p in range(COORDINATES):
-                    arm[time * COORDINATES + p] += weight * arms[tick, 0, p]
-                    doubts[time * COORDINATES + p] += weight * arms[tick, 1, p]
-    value = np.empty(SIZE)
-    vectors = features_of(linear, arm, value)
-    value[ARM_SIZE:] = tempo
-    for f in range(SIZE):
-        value[f] = (value[f] - centre[f]) * factor[f]
-    mean, slope, variances = predict_layer(contact, value, np.ones(1))
+    doubts, value = history_of(ticks, arms, 1), np.empty(SIZE)
+    vectors = _features(linear, centre, factor, history_of(ticks, arms, 0), tempo, value)
+    doubted = doubts.max() > 0.0  # nobody asks for derivatives while all is known as well as in training
+    mean, slope, variances = predict_layer(contact, value, np.ones(1), doubted)
+    covariance = np.zeros((len(mean), len(mean)))
+    for i in range(len(mean)):
+        covariance[i, i] = variances[i]
+    if not doubted:
+        return mean, covariance
     for d in range(len(slope)):
         for f in range(SIZE):
             slope[d, f] *= factor[f]
     by_arm = pulled_back(linear, vectors, slope)
-    covariance = np.zeros((len(mean), len(mean)))
     for i in range(len(mean)):
-        covariance[i, i] = variances[i]
         for j in range(len(mean)):
             for p in range(len(doubts)):
                 covariance[i, j] += by_arm[i, p] * doubts[p] * by_arm[j, p]
     return mean, covariance
+
+
+@compiled_entry
+def _pose(
+    linear: Array, centre: Array, factor: Array, ticks: Array, layer: Array, arms: Array, tempo: Array, style: Array
+) -> Array:
+    """The pose's channels (channels,), by arms and a tempo (TEMPO,), in a style (K,)."""
+    value = np.empty(SIZE)
+    _features(linear, centre, factor, history_of(ticks, arms, 0), tempo, value)
+    return layer_mean(layer, value, style)
+
+
+@compiled
+def _features(linear: Array, centre: Array, factor: Array, arm: Array, tempo: Array, value: Array) -> Array:
+    """Puts the features of an arm and its tempo, scaled, into ``value`` (F,); gives back the arm's vectors."""
+    vectors = features_of(linear, arm, value)
+    value[ARM_SIZE:] = tempo
+    for f in range(SIZE):
+        value[f] = (value[f] - centre[f]) * factor[f]
+    return vectors

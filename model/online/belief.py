@@ -21,7 +21,7 @@ from highfive.model.hgpdm.intent_features import HISTORY
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast, contact_forecast
-from highfive.model.online.direct_answers import Looking, direct_of, pooled
+from highfive.model.online.direct_answers import NO_ARM, Looking, PoseByArm, direct_of, pooled
 from highfive.model.online.tick import forecast, generate, observe, predict, step
 from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
 
@@ -190,8 +190,13 @@ class Filter:
         answer = generate(self._plan, *layers, _own(style, self._styles))
         return answer if self._direct is None or known is None else self._with(answer, left * known.beyond[1])
 
-    def step(self, belief: Belief, hand: Array | None, hand_variance: Array, style: Array) -> tuple[Belief, Generated]:
-        """One tick: predict, measure the hand (P,), of variances (P,), if it was seen, and generate."""
+    def step(
+        self, belief: Belief, hand: Array | None, hand_variance: Array, style: Array, arm: PoseByArm = NO_ARM
+    ) -> tuple[Belief, Generated]:
+        """One tick: predict, measure the hand (P,), of variances (P,), if it was seen, and generate.
+
+        What the whole ``arm`` says of the pose is pooled with it.
+        """
         seen = belief.generated_hand if hand is None else _own(hand, self._coordinates)
         variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
         moved, answer = step(self._plan, belief, hand is not None, seen, variance, weights)
@@ -201,7 +206,8 @@ class Filter:
             beyond = self._plan.residual_left * belief.beyond
         else:
             looking, first = self._looking, not belief.started
-            beyond = pooled(looking, self._direct, belief.beyond, first, moved.hands, moved.style[1], answer.avatar)
+            style = moved.style[1]
+            beyond = pooled(looking, self._direct, belief.beyond, first, moved.hands, style, answer.avatar, *arm)
         return moved._replace(beyond=beyond), self._with(answer, beyond[1])
 
     def _with(self, answer: Generated, beyond: Array) -> Generated:

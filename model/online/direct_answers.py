@@ -46,6 +46,22 @@ def direct_of(ensemble: PoseEnsemble, regression: Array, share: float) -> Direct
     return Direct(regression, features, np.array(near.first, np.int64), scores, basis, share, float(near.usual))
 
 
+class PoseByArm(NamedTuple):
+    """What the whole arm says of the pose.
+
+    Attributes:
+        channels: (channels,).
+        share: in the pool, 0 to 1.
+    """
+
+    channels: Array
+    share: float
+
+
+NO_ARM = PoseByArm(np.zeros(0), 0.0)
+"""It says nothing."""
+
+
 class Looking(NamedTuple):
     """How the features are made of the hand's ticks; see :class:`highfive.model.online.tick_values.Plan`."""
 
@@ -56,8 +72,9 @@ class Looking(NamedTuple):
 
 @compiled_entry
 def pooled(
-    looking: Looking, direct: Direct, beyond: Array, first: bool, hands: Array, style: Array, avatar: Array
-) -> Array:
+    looking: Looking, direct: Direct, beyond: Array, first: bool, hands: Array, style: Array, avatar: Array, arm: Array,
+    arm_share: float,
+) -> Array:  # fmt: skip
     """What the pool has beyond the hierarchy's answer, (2, channels), after one and after two smoothings.
 
     Few arrays are handed in: compiled code counts the references to each, which takes longer than the sums.
@@ -69,6 +86,8 @@ def pooled(
         hands: (L, 2, P) the hand's last ticks, seen now.
         style: (K,) weights.
         avatar: (channels,) the hierarchy's answer.
+        arm: (channels,) what the whole arm says; empty where it says nothing.
+        arm_share: of that in the pool.
     """
     value = feature_value(looking.features, looking.feature_offset, looking.ticks, hands)
     answer = layer_mean(direct.regression, value, style)
@@ -76,7 +95,10 @@ def pooled(
     trust = 1.0 - smooth_step(furthest / direct.usual - 1.0)
     share, next_beyond = 1.0 if first else direct.share, beyond.copy()
     for d in range(len(avatar)):
-        towards = trust * (REGRESSION * answer[d] + NEIGHBOURS * near[d] - (1.0 - HIERARCHY) * avatar[d])
+        towards = REGRESSION * answer[d] + NEIGHBOURS * near[d] - (1.0 - HIERARCHY) * avatar[d]
+        if len(arm) > 0:
+            towards += arm_share * (arm[d] - avatar[d] - towards)
+        towards *= trust
         next_beyond[0, d] += share * (towards - next_beyond[0, d])
         next_beyond[1, d] += share * (next_beyond[0, d] - next_beyond[1, d])
     return next_beyond

@@ -11,6 +11,7 @@ from highfive.model.hgpdm.intent_features import HISTORY, LINEAR, SIZE, intent_f
 from highfive.model.hgpdm.intent_layer import IntentLayer, squashed
 from highfive.model.online.belief import packed, tick_weights
 from highfive.model.online.layer import predict_layer
+from highfive.model.online.tick import history_of
 
 
 class Intent:
@@ -34,16 +35,9 @@ class Intent:
 def _probability(
     linear: Array, centre: Array, factor: Array, ticks: Array, layer: Array, squash: Array, hands: Array
 ) -> float:
-    hand = np.zeros(len(ticks) * HAND_DIMS)
-    for time in range(len(ticks)):
-        for tick in range(len(hands)):
-            weight = ticks[time, tick]
-            if weight != 0.0:
-                for p in range(HAND_DIMS):
-                    hand[time * HAND_DIMS + p] += weight * hands[tick, 0, p]
     value = np.empty(SIZE)
-    intent_features_of(linear, hand, value)
+    intent_features_of(linear, history_of(ticks, hands, 0), value)
     for f in range(SIZE):
         value[f] = (value[f] - centre[f]) * factor[f]
-    mean, _, variances = predict_layer(layer, value, np.ones(1))
+    mean, _, variances = predict_layer(layer, value, np.ones(1), False)
     return squashed(mean[0], variances[0], squash[0], squash[1])

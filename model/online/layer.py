@@ -48,13 +48,14 @@ def times_vector(a: Array, b: Array) -> Array:
 
 
 @compiled_entry
-def predict_layer(layer: Array, point: Array, style: Array) -> tuple[Array, Array, Array]:
+def predict_layer(layer: Array, point: Array, style: Array, sloped: bool = True) -> tuple[Array, Array, Array]:
     """A layer at one input and style: mean (D,), its derivative (D, q), and variances (D,), noise included.
 
     Args:
         layer: as :func:`highfive.model.online.belief.packed`; other layers may follow.
         point: (q,); what follows after the first q numbers is not read.
         style: (K,) weights.
+        sloped: work out the derivative, which takes most of the time; else it is (D, 0).
     """
     dims, size, styles, channels = int(layer[1]), int(layer[2]), int(layer[3]), int(layer[4])
     log_rbf, bias, begin = layer[5], layer[6], 7
@@ -70,12 +71,13 @@ def predict_layer(layer: Array, point: Array, style: Array) -> tuple[Array, Arra
     weights, reduction = layer[begin:], layer[begin + channels * size :]
 
     share, own = style_covariance(style, shares, between, size)
-    towards = _covariances(point, share, log_rbf, bias, precision, inducing, lines, dims)
+    slopes = dims if sloped else 0
+    towards = _covariances(point, share, log_rbf, bias, precision, inducing, lines, dims, slopes)
     prior = math.exp(log_rbf) + bias
     for j in range(dims):
         prior += linear[j] * point[j] * point[j]
     variance = max(own * prior - _quadratic(reduction, towards[0]), 0.0)
-    mean, slope, variances = np.empty(channels), np.empty((channels, dims)), np.empty(channels)
+    mean, slope, variances = np.empty(channels), np.empty((channels, slopes)), np.empty(channels)
     for d in range(channels):
         variances[d] = (variance + noise[d]) * units[d]
         own_weights = weights[d * size : (d + 1) * size]
@@ -83,9 +85,9 @@ def predict_layer(layer: Array, point: Array, style: Array) -> tuple[Array, Arra
         for m in range(size):
             total += own_weights[m] * towards[0, m]
         mean[d] = offset[d] + total
-        for j in range(0, dims - 3, 4):  # four at a time: a weight is read once for all of them
+        for j in range(0, slopes - 3, 4):  # four at a time: a weight is read once for all of them
             _four(own_weights, towards, j, slope[d])
-        for j in range(dims - dims % 4, dims):
+        for j in range(slopes - slopes % 4, slopes):
             total = 0.0
             for m in range(size):
                 total += own_weights[m] * towards[1 + j, m]
@@ -151,11 +153,13 @@ def style_covariance(style: Array, shares: Array, between: Array, size: int) -> 
 
 @compiled
 def _covariances(
-    point: Array, share: Array, log_rbf: float, bias: float, precision: Array, inducing: Array, lines: Array, dims: int
-) -> Array:
-    """Covariance (1 + q, M) with the inducing inputs in row 0; in row 1 + j its derivative by input j."""
+    point: Array, share: Array, log_rbf: float, bias: float, precision: Array, inducing: Array, lines: Array, dims: int,
+    slopes: int,
+) -> Array:  # fmt: skip
+    """Covariance (1 + S, M) with the inducing inputs in row 0; in row 1 + j its derivative by input j, of the first
+    S."""
     size = len(share)
-    towards, rbf = np.full((dims + 1, size), bias), np.full(size, log_rbf)
+    towards, rbf = np.full((slopes + 1, size), bias), np.full(size, log_rbf)
     for j in range(dims):
         half = 0.5 * precision[j]
         for m in range(size):
@@ -165,7 +169,7 @@ def _covariances(
     for m in range(size):
         rbf[m] = math.exp(rbf[m]) * share[m]
         towards[0, m] = towards[0, m] * share[m] + rbf[m]
-    for j in range(dims):
+    for j in range(slopes):
         for m in range(size):
             away = point[j] - inducing[j * size + m]
             towards[1 + j, m] = lines[j * size + m] * share[m] - precision[j] * away * rbf[m]

@@ -20,6 +20,7 @@ from highfive.model.online.arm_track import ArmPoints, ArmTrack, LastArm
 from highfive.model.online.belief import Filter
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast
+from highfive.model.online.direct_answers import NO_ARM
 from highfive.model.online.inertialization import Inertializer
 from highfive.model.online.intent import Intent
 from highfive.model.online.leading import Leading
@@ -138,7 +139,9 @@ class Responder:
         self._model, self._where = model, model.channels
         self._style = _checked(style_weights, model)
         self._filter, self._inertializer = Filter(model, rate_hz, settings), Inertializer(1.0 / rate_hz)
-        self._arm = None if model.arm_contact is None else ArmTrack(model.arm_contact, rate_hz)
+        answer = None if model.ensemble is None else model.ensemble.arm
+        styles = len(model.emotions)
+        self._arm = None if model.arm_contact is None else ArmTrack(model.arm_contact, rate_hz, answer, styles)
         self._leading = None if model.task_space is None else Leading(model.task_space, self._where, rate_hz)
         self._intent = None if model.intent is None else Intent(model.intent, rate_hz, self._filter.ticks)
         self.reset()
@@ -198,15 +201,17 @@ class Responder:
         hand = None if hand is None else hand.reshape(HAND_DIMS)
         surer = self._widest > RETURNS * RETURNS * (widest := float(variance.max()))  # a tracker followed it unseen
         changed = self._belief.started and (surer or (hand is None) == (self._belief.away == 0))
-        belief, generated = self._filter.step(self._belief, hand, variance, self._style)
+        last = None if self._arm is None else self._arm.step(hand, variance, arm)
+        told = NO_ARM if self._arm is None else self._arm.pose(last, self._belief.style[1])
+        belief, generated = self._filter.step(self._belief, hand, variance, self._style, told)
         if not _usable(belief, generated):
             self.reset()
             changed = False
+            last = None
             belief, generated = self._filter.step(self._belief, None, HAND_VARIANCE, self._style)
         self._belief, self._widest = belief, widest
         if self._intent is not None and belief.away == 0:
             self._probability = self._intent.probability(belief.hands)
-        last = None if self._arm is None else self._arm.step(hand, variance, arm)
         self._forecast_contact = partial(self._forecast_of, belief, last)
         if self._leading is not None:
             found = None

@@ -77,6 +77,23 @@ def feature_value(matrix: Array, offset: Array, ticks: Array, hands: Array) -> A
     return value
 
 
+@compiled
+def history_of(ticks: Array, points: Array, row: int) -> Array:
+    """Places (row 0) or variances (row 1) now and at each earlier time, (P (H + 1),), of the last ticks (L, 2, P).
+
+    Few of the weights ``ticks`` (H + 1, L) are not zero: two for each time.
+    """
+    coordinates = points.shape[2]
+    result = np.zeros(len(ticks) * coordinates)
+    for time in range(len(ticks)):
+        for tick in range(len(points)):
+            weight = ticks[time, tick]
+            if weight != 0.0:
+                for p in range(coordinates):
+                    result[time * coordinates + p] += weight * points[tick, row, p]
+    return result
+
+
 @compiled_entry
 def observe(plan: Plan, ticks: Array, hands: Array) -> tuple[Array, Array]:
     """What the back projections make of the hand's last ticks (L, 2, P): mean (B,) and covariance (B, B).

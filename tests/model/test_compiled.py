@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
+import pytest
 from paths import ROOT
 
 from highfive.model.compiled import compiled_entry, exactly_compiled_entry, reached
@@ -93,6 +94,7 @@ def test_machine_code_for_which_the_disk_has_no_room_works_and_is_not_kept(tmp_p
     assert not list(tmp_path.rglob("*.nbc"))
 
 
+@pytest.mark.slow
 def test_what_is_only_loaded_is_not_told_as_compiled(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(PROGRAM)
@@ -138,6 +140,7 @@ with when_compiling(lambda: print("compiling")):
 """
 
 
+@pytest.mark.slow
 def test_change_in_one_file_compiles_its_callers_in_another_again(tmp_path: Path) -> None:
     def said(factor: float) -> str:
         (tmp_path / "callee.py").write_text(CALLEE.format(factor=factor))

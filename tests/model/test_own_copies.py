@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 STEPS = 80
 """Of a function that is too long to be inlined three times."""
 _SHARED = "\n".join(f"        s += math.sin(v * {step}.5)" for step in range(STEPS))
@@ -44,6 +46,7 @@ print(len(copies), sorted({function.linkage.name for function in defined}))
 """
 
 
+@pytest.mark.slow
 def test_copies_have_no_name_outside_and_the_process_that_loads_has_the_same_bits(tmp_path: Path) -> None:
     (tmp_path / "made_up_shared.py").write_text(_MODULE)
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache")}

@@ -69,6 +69,7 @@ def test_the_seed_with_the_lowest_objective_is_kept():
 
 
 @pytest.mark.parametrize("kill_at", [10, 45, 60, 61, 100, 130, 175])
+@pytest.mark.slow
 def test_a_killed_training_goes_on_to_the_same_end(tmp_path: Path, kill_at: int):
     path, said = tmp_path / "run.npz", []
     with pytest.raises(Killed):

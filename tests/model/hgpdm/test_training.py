@@ -90,6 +90,7 @@ def cut(trial: Trial, frames: slice) -> Trial:
         ),
     ],
 )
+@pytest.mark.slow
 def test_poor_data_have_a_finite_objective_and_gradient_to_start_from(trials: list[Trial], change):
     preset = replace(DEFAULT, points=70)
     data = training_set(change([t for t in trials if not t.test]), preset)

@@ -67,6 +67,7 @@ def test_hands_that_it_never_saw_are_told_apart(taught: IntentLayer) -> None:
     assert by_the_book(taught, other(0.55, rng))[late].max() < 0.2
 
 
+@pytest.mark.slow
 def test_online_it_says_what_the_layer_says_of_the_recording(knowing: HGPDM, taught: IntentLayer) -> None:
     for track in (made_up_trial(0.45, "angry", RATE, np.random.default_rng(2)), other(0.5, np.random.default_rng(3))):
         np.testing.assert_allclose(said(knowing, track.hand_points), by_the_book(taught, track), atol=1e-6)

@@ -14,7 +14,8 @@ import numpy as np
 
 from highfive.hil.arm.planner_values import ExpectedContact, PalmGoal
 from highfive.hil.safety.people import Sighting
-from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
+from highfive.hil.session.reach import Phase, ReachTarget
+from highfive.hil.session.reach_settings import ReachSettings
 from highfive.hil.session.session import RATE_HZ, Tick
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array

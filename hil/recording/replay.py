@@ -14,7 +14,7 @@ from highfive.hil.recording.replayed_ticks import TOPICS, ReplayedTicks, is_styl
 from highfive.hil.recording.session_reader import SessionReader
 from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.recording.viewer_messages import joints_of
-from highfive.hil.session.reach import ReachSettings
+from highfive.hil.session.reach_settings import ReachSettings
 from highfive.hil.session.session import RATE_HZ, PoseSettings, Session, Tick, TickInput
 from highfive.hil.sim.avatar import avatar_skeleton
 from highfive.hil.trials.machine import machine, machine_differences
@@ -164,12 +164,16 @@ def open_replay(session: SessionReader, model: str, corrected: bool, worn: Marke
     return Replay(found, read, pose, tracking, reach, corrected, differs, session.settings.get("machine"))
 
 
+_BEFORE = {"reach": {"closing": 0.0}}
+"""What sessions did whose recordings do not name a setting yet."""
+
+
 def _chain(session: SessionReader) -> tuple[PoseSettings, FilterSettings, ReachSettings]:
     """Of pose, tracker and reach, as they were."""
     kinds = {"pose": PoseSettings, "tracking": FilterSettings, "reach": ReachSettings}
     made = []
     for name, kind in kinds.items():
-        said = (session.chain or {}).get(name, {})
+        said = _BEFORE.get(name, {}) | (session.chain or {}).get(name, {})
         try:
             made.append(kind(**said))
         except (TypeError, ValueError, HighFiveError):

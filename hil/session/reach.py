@@ -8,7 +8,9 @@ as contact comes near: the palm is led to ``generated + weight * miss``, with
 which is ``r`` itself at contact. The second term leaves the closing movement to the model: without it the palm
 would run to the person's as soon as the weight is 1. A half, because a hand that comes in braking covers half of what
 its speed says. Where the model forecasts the place of contact, that and the braking hand are weighed by what each is
-worth: the forecast counts while contact is far, the hand when it is near.
+worth: the forecast counts while contact is far, the hand when it is near. Where both palms close in slowly, the
+avatar's is held back by what a least closing speed takes: palms that creep together touch by a millimetre too early,
+and that is long.
 """
 
 from __future__ import annotations
@@ -21,12 +23,12 @@ import numpy as np
 from jaxtyping import Float
 
 from highfive.hil.session.doubt import Doubt
+from highfive.hil.session.reach_settings import ReachSettings
 from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 from highfive.model.geometry.turns import turn_between, turned
 from highfive.model.online.contact_forecast import believed
-from highfive.model.settings import Settings, setting
 
 
 class Phase(Enum):
@@ -40,77 +42,6 @@ class Phase(Enum):
 
 _LONGEST_STEP = 0.02
 """s, of the low pass of the miss: steps of more than 2 / ``steady``, 77 ms, would not settle."""
-
-
-@dataclass(frozen=True)
-class ReachSettings(Settings):
-    """When and how the avatar's palm is led to the person's.
-
-    Chosen on simulated high fives of seed 0 and one real one (CMU 20/21, 11), ``braking`` aside.
-    """
-
-    fade_in: float = setting(0.6, "s", above=0.0)
-    """The correction starts this long before contact, later if contact is seen later."""
-    shortest_fade_in: float = setting(0.25, "s", above=0.0)
-    longest: float = setting(1.0, "s", least=0.0)
-    """An approach that has taken so long, of a hand that hangs again, has missed it."""
-    touch: float = setting(0.06, "s", least=0.0)
-    """How long the palms stay together."""
-    fade_out: float = setting(0.5, "s", above=0.0)
-    landing: float = setting(0.06, "s", above=0.0)
-    """Over this last stretch the closing speed runs out, as flesh would take it up."""
-    sure: float = setting(0.35, "s", least=0.0)
-    """A clock with a larger standard deviation than this is not read."""
-    near: float = setting(0.08, "m", least=0.0)
-    """Palms this close meet, where the clock cannot be read."""
-    horizon: float = setting(0.35, "s", least=0.0)
-    """Closer than this, where the clock cannot be read, the time to the nearest approach at constant speed counts."""
-    soon: float = setting(3.0, "s", least=0.0)
-    """A palm that would take longer than this to be here at its present speed is not on its way."""
-    slowest: float = setting(0.1, least=0.0)
-    fastest: float = setting(2.0, least=0.0)
-    """Bounds of the rate at which the remaining time runs out, against the clock."""
-    catching_up: float = setting(0.08, "s", above=0.0)
-    """A difference between both clocks is made up for in about this time."""
-    smoothing: float = setting(0.03, "s", above=0.0)
-    """Time constant of the relative velocity and of the rate."""
-    steady: float = setting(26.0, "rad/s", above=0.0)
-    """Bandwidth of the miss, ..."""
-    homing: float = setting(0.2, "s", above=0.0)
-    """... which opens over this last stretch, so that the palms meet."""
-    easing: float = setting(0.05, "s", above=0.0)
-    """Time constant with which the difference runs out between where a hidden hand was left and where it comes back."""
-    bend: float = setting(0.12, "m", above=0.0)
-    """A larger miss than this is not believed in full before the palms are about to meet."""
-    raised: float = setting(1.05, "m", least=0.0)
-    """An unfamiliar hand above this height is held out to be met; no hand below is, ..."""
-    rising: float = setting(0.1, "m/s", least=0.0)
-    """... unless it comes up at this speed, ..."""
-    arm: float = setting(1.15, "m", least=0.0)
-    """... and an unfamiliar one only if it comes this near the avatar's shoulder."""
-    braking: float = setting(3.0, "m/s²", least=0.0)
-    """A hand brakes otherwise than assumed by about this much in each direction: 36 held-out simulated trials."""
-    quickest: float = setting(100.0, "m/s", above=0.0)
-    """A hand that moves faster is not touched yet: the palm waits for it (no hand is, of this), ..."""
-    waiting: float = setting(0.2, "s", least=0.0)
-    """... as if contact were this far away. For sources that see a hand too late to say where it is on its way."""
-    late: float = setting(0.3, "s", least=0.0)
-    """A clock that says contact was up to this long ago means now; beyond, it is past."""
-
-    def target_rate(self, remaining: float, expected: float) -> float:
-        """The rate at which ``remaining`` s should run out where ``expected`` s are left, infinite if nobody knows."""
-        if not math.isfinite(expected):
-            return 1.0
-        return min(max(1.0 + (remaining - expected) / self.catching_up, self.slowest), self.fastest)
-
-    def next_rate(self, rate: float, target: float, dt: float) -> float:
-        """The rate ``dt`` s later."""
-        return rate + (1.0 - math.exp(-dt / self.smoothing)) * (target - rate)
-
-
-SEEN_LATE = ReachSettings(quickest=0.3)
-"""For who is seen with a delay of some 0.1 s at 15 pictures a second. Chosen on 18 high fives
-(``hil/bench/webcam_choice.npz``)."""
 
 
 @dataclass(frozen=True)
@@ -331,7 +262,8 @@ class Reach:
         self._ahead += share * (min(self._remaining, self._expects) - self._ahead)
         self._ahead = min(self._ahead, self._remaining)
         ahead = self._landing(self._ahead)
-        raw = self._bent(gap + 0.5 * self._gap_velocity * ahead + self._forecast(person, expectation, ahead, dt))
+        closing = 0.5 * self._gap_velocity * ahead + self._held_back(person.normal, ahead)
+        raw = self._bent(gap + closing + self._forecast(person, expectation, ahead, dt))
         miss = self._smooth(raw, dt)
         turn = turn_between(generated.normal, -person.normal)
         if self._lost:  # a hand that comes back is not where it was left: the difference runs out
@@ -340,6 +272,12 @@ class Reach:
         miss, turn = miss + self._ease[0], turn + self._ease[1]
         self._miss_velocity = (miss - self._miss) / dt if self._since > 0.0 else np.zeros(3)
         self._miss, self._turn = miss, turn
+
+    def _held_back(self, normal: Array, ahead: float) -> Array:
+        """How far before the person's palm, along its ``normal``, the closing speed has to begin: (3,) m."""
+        s = self.settings
+        lacking = max(s.closing - 0.5 * float(self._gap_velocity @ normal), 0.0)
+        return lacking * s.held * (1.0 - math.exp(-ahead / s.held)) * normal
 
     def _forecast(self, person: PalmPose, expectation: Expectation, ahead: float, dt: float) -> Array:
         """What the model's forecast adds to where a braking hand would be at contact: (3,) m."""

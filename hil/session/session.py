@@ -13,7 +13,8 @@ from highfive.hil.runtime.threads import use_one_blas_thread
 from highfive.hil.session.contact_correction import ContactCorrection
 from highfive.hil.session.open_responder import open_responder
 from highfive.hil.session.paced_responder import PacedResponder
-from highfive.hil.session.reach import Expectation, Reach, ReachSettings, ReachTarget
+from highfive.hil.session.reach import Expectation, Reach, ReachTarget
+from highfive.hil.session.reach_settings import ReachSettings
 from highfive.hil.session.style_timing import timing_of
 from highfive.hil.sim.avatar import Pose, between
 from highfive.hil.sim.scene import Scene
@@ -179,11 +180,11 @@ class Session:
                 somebody else's fails.
         """
         use_one_blas_thread()
-        self._settings = settings or PoseSettings()
+        self._settings, reach = settings or PoseSettings(), reach or ReachSettings()
         self.chain = {
             "pose": self._settings.values(),
             "tracking": (tracking or FilterSettings()).values(),
-            "reach": (reach or ReachSettings()).values(),
+            "reach": reach.values(),
         }
         self.weights: Mapping[str, float] = dict(style)
         self._tracker = Tracker(marker_set, RATE_HZ, tracking)
@@ -192,7 +193,8 @@ class Session:
         self._palm, self._calm_palm = PalmFilter(QUICK_PALM), PalmFilter()
         self._responder = PacedResponder(open_responder(model, style, RATE_HZ, clock=clock), RATE_HZ, self._arm)
         self._timing = timing_of(model)
-        self._reach, self._calm_reach = Reach(reach), Reach(reach)
+        # An arm's plan closes in by itself: what it is aimed at is not held back.
+        self._reach, self._calm_reach = Reach(reach), Reach(replace(reach, closing=0.0))
         self._correction = ContactCorrection(scene)
         self._correct = correct
         waiting = self._timing.waiting(self._responder.style)

@@ -250,6 +250,7 @@ def test_the_recording_gives_them_back(tmp_path: Path, paced: bool) -> None:
     assert recording.channels["/event"][0].time_ns == 0 and recording.channels["/event"][0].data["detail"] == "T"
 
 
+@pytest.mark.slow
 def test_streams_with_stamps_of_no_known_clock_neither_stretch_the_recording_nor_cut_it_up(tmp_path: Path) -> None:
     """An hour ahead, in ms, years ago, and five seconds late: four streams at 100 Hz beside ticks at 120 Hz."""
     path, (one, *_), begun_ns, seconds = tmp_path / "session.mcap", ticks_of(some_results()[1]), 40_000 * 10**9, 10

@@ -16,6 +16,7 @@ from highfive.model.files import leftovers
 
 
 @pytest.mark.parametrize("read", [read_session, read_recording, lambda path: read_session(path.parent)])
+@pytest.mark.slow
 def test_it_says_which_file_opens_the_newer_one_and_nothing_of_an_older_one(
     read: Callable[[Path], object], tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -99,6 +99,16 @@ def test_a_live_session_is_played_again_to_the_last_bit(recorded: Path, person: 
     assert len({tick.time_ns for tick in ticks}) == len(ticks)
 
 
+def test_one_that_names_no_least_closing_speed_is_played_without(recorded: Path) -> None:
+    session = read_session(recorded)
+    now = session.chain
+    assert now is not None and now["reach"]["closing"] > 0.0
+    reach = {name: value for name, value in now["reach"].items() if name != "closing"}
+    for chain in ({**now, "reach": reach}, None):
+        session.chain = chain
+        assert open_replay(session, MODEL, True, None).reach.closing == 0.0
+
+
 def recorded_twice(path: Path, person: Partner, corrects: bool, off_in: int | None = None) -> Path:
     """Two high fives; in tick 100 of that one the correction is turned off, and on again before the next."""
     session = session_of(person)
@@ -157,6 +167,7 @@ def test_a_correction_that_was_turned_off_in_one_high_five_is_not_off_in_the_nex
     assert never.first is not None and never.first[0] == 0
 
 
+@pytest.mark.slow
 def test_a_micrometre_in_one_frame_is_found(recorded: Path, person: Partner) -> None:
     recording = read_recording(recorded)
     frames = list(recording.channels["/frame"])

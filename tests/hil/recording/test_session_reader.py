@@ -110,6 +110,7 @@ def _with_one_replaced(source: Path, path: Path, topic: str, number: int, conten
         b"[" * 100_000,
     ],
 )
+@pytest.mark.slow
 def test_one_malformed_message_is_left_out_and_reading_goes_on(content: bytes, recorded: Path, tmp_path: Path) -> None:
     path = tmp_path / "malformed.mcap"
     _with_one_replaced(recorded, path, "/tick", 3, content)
@@ -121,6 +122,7 @@ def test_one_malformed_message_is_left_out_and_reading_goes_on(content: bytes, r
 
 
 @pytest.mark.parametrize("content", [b"{}", b"{", b'{"trial": "second", "markers": 7}'])
+@pytest.mark.slow
 def test_a_trial_message_without_its_number_is_of_the_high_five_that_ticks_say(
     content: bytes, recorded: Path, tmp_path: Path
 ) -> None:
@@ -132,6 +134,7 @@ def test_a_trial_message_without_its_number_is_of_the_high_five_that_ticks_say(
         np.testing.assert_array_equal(found.arrays("/person")["time"], whole.arrays("/person")["time"])
 
 
+@pytest.mark.slow
 def test_the_first_is_at_0_and_what_is_left_out_is_said_once(
     recorded: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

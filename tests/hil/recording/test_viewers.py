@@ -190,6 +190,7 @@ def plotted(path: Path) -> dict[str, list[tuple[int, Any]]]:
     return found
 
 
+@pytest.mark.slow
 def test_numbers_are_joint_states_of_ros_that_say_what_the_json_topics_say(tmp_path: Path) -> None:
     path = with_arm(tmp_path / "session.mcap")
     found, recording = plotted(path), read_recording(path)

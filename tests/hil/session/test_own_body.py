@@ -225,6 +225,7 @@ def hierarchy_session(scene: Scene, model: HGPDM) -> Session:
         pytest.param(202, "sad", "A3", marks=pytest.mark.slow),  # forearm and trunk, while the arm hangs
     ],
 )
+@pytest.mark.slow
 def test_high_fives_whose_arm_the_model_leads_into_its_body(
     seed: int, emotion: str, cell: str, scene: Scene, hierarchy_session: Session
 ) -> None:

@@ -59,6 +59,7 @@ def paced(model: HGPDM, person: Partner) -> tuple[Counting, PacedResponder, Call
 
 
 @pytest.mark.parametrize("rate", [30.0, 60.0, 90.0, 120.0, 240.0, 500.0])
+@pytest.mark.slow
 def test_the_model_steps_at_its_own_rate(rate: float, model: HGPDM, person: Partner) -> None:
     counting, _, take = paced(model, person)
     frames = frames_of(person, System(rate), 0, np.random.default_rng(0))[: round(2.0 * rate)]
@@ -122,6 +123,7 @@ def test_a_session_needs_a_frame_to_begin_with(model: HGPDM, person: Partner, sc
         session.step(None, 5)
 
 
+@pytest.mark.slow
 def test_a_session_shown_later_is_the_session_at_that_time(model: HGPDM, person: Partner, scene: Scene) -> None:
     """Predicted over 20 ms, person and palm are nearer to where they will be than the frame has them."""
     session = Session(model, {"angry": 1.0}, person.marker_set, scene)
@@ -142,6 +144,7 @@ def test_a_session_shown_later_is_the_session_at_that_time(model: HGPDM, person:
 
 
 @pytest.mark.parametrize(("rate", "late_ms"), [(30.0, 45), (60.0, 80), (120.0, 110)])
+@pytest.mark.slow
 def test_a_source_that_is_late_hides_no_hand(
     rate: float, late_ms: int, model: HGPDM, person: Partner, scene: Scene
 ) -> None:

@@ -95,6 +95,7 @@ def test_two_sessions_and_a_session_used_again_give_the_same_bits(
         np.testing.assert_array_equal(ours.pose.root_in_world, theirs.pose.root_in_world)
 
 
+@pytest.mark.slow
 def test_a_style_changed_on_the_way_makes_no_jump(
     start: Callable[[str], Session], frames: dict[str, list[MarkerFrame]], undisturbed: dict[str, list[Tick]]
 ) -> None:
@@ -113,6 +114,7 @@ def test_a_style_changed_on_the_way_makes_no_jump(
 @pytest.mark.parametrize(
     "before_contact", [0.2, *(pytest.param(seconds, marks=pytest.mark.slow) for seconds in (0.5, 0.0))]
 )
+@pytest.mark.slow
 def test_a_hand_hidden_for_a_while_makes_no_jump(
     start: Callable[[str], Session],
     frames: dict[str, list[MarkerFrame]],

@@ -19,6 +19,7 @@ MS, S = 1_000_000, 1_000_000_000
 
 
 @pytest.mark.parametrize("moved_ms", [0, 10, -10, -5000])
+@pytest.mark.slow
 def test_a_clock_that_is_set_is_told_once_and_time_goes_forward_but_for_that(moved_ms: int) -> None:
     told: list[SyncEvent] = []
     with VirtualClock(1) as clock:

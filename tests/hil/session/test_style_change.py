@@ -57,6 +57,7 @@ def largest_steps(angles: np.ndarray) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(("one", "other"), list(combinations(EMOTIONS, 2)))
+@pytest.mark.slow
 def test_a_change_at_any_phase_adds_no_more_than_the_smoothing_lets_through(
     session: Session, frames: list[MarkerFrame], unchanged: dict[str, list[Tick]], one: str, other: str
 ) -> None:

@@ -149,6 +149,7 @@ def test_one_high_five(run, tmp_path) -> None:
     assert dataset(tmp_path / "third")[0]["total_episodes"] == 1
 
 
+@pytest.mark.slow
 def test_refused_in_one_line(fails, run, tmp_path, monkeypatch) -> None:
     assert "--fps is of --to lerobot" in fails(SHIPPED_RECORDING, "--to", "bvh", "--fps", "30")
     recording = shipped_recording()

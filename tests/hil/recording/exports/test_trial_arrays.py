@@ -78,6 +78,7 @@ def test_a_marker_that_was_never_seen_has_no_age():
         (changed("/markers", lambda d: d | {"names": 7}), "no list of texts"),
     ],
 )
+@pytest.mark.slow
 def test_what_cannot_be_exported_is_one_line(recording, says):
     with pytest.raises(HighFiveError, match=says) as error:
         arrays_of(recording)

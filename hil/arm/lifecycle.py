@@ -80,6 +80,7 @@ def ready_arm(options: ArmOptions, bar: Bar | None = None, marker_set: MarkerSet
             terminal = 0 if sys.stdin.isatty() else None
             clock = stack.enter_context(VirtualClock())
             virtual = virtual_rig(clock, options)
+            stack.callback(_tell_faults_to_come, options, clock.now(), clock)
             estop = Latch(clock)
             stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
             stack.enter_context(answered_by_a_stop())
@@ -114,6 +115,7 @@ def started_arm(options: ArmOptions, limits: Limits, rig: Rig, *, keys: bool = T
         if options.emulated:
             emulator = stack.enter_context(EmulatorProcess(emulator_options(options)))
             emulator.set_faults(options.faults)
+            stack.callback(_tell_faults_to_come, options, MACHINE.now(), MACHINE)
             port = emulator.port
         refuse_unless_ready(port, rig, limits)
         stack.enter_context(listening(estop, terminal, pipe=options.estop, signals=SIGNALS))
@@ -125,6 +127,14 @@ def started_arm(options: ArmOptions, limits: Limits, rig: Rig, *, keys: bool = T
         stack.callback(arm.close)
         arm.wait_ready(START_S)
         yield arm
+
+
+def _tell_faults_to_come(options: ArmOptions, since_ns: int, clock: Clock) -> None:
+    """At the end: what was to go wrong later than that, of which nothing has been seen."""
+    lasted = 1e-9 * (clock.now() - since_ns)
+    for fault in parse_faults(options.faults):
+        if fault.start > lasted:
+            say_aside(f"--faults: {fault.kind}@{fault.start:g} never came; the arm was driven for {lasted:.1f} s")
 
 
 def virtual_rig(clock: VirtualClock, options: ArmOptions) -> VirtualRig:

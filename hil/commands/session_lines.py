@@ -9,6 +9,9 @@ from highfive.hil.runtime.console import STDERR, counted, escape
 from highfive.hil.trials.summary import kind
 from highfive.hil.trials.targets import BEFORE_MM
 
+_REASONS = 5
+"""Of so many high fives without contact the terminal says why."""
+
 
 def print_session(summary: dict[str, Any], folder: Path) -> None:
     """A session's ``summary`` for people, and where in ``folder`` there is more."""
@@ -32,6 +35,7 @@ def print_session(summary: dict[str, Any], folder: Path) -> None:
     ):
         if summary[key]:
             print(f"  {label + ':':<26}{summary[key]}")
+    _print_not_met([row for row in summary["rows"] if not row["met"]])
     if summary["arm"]:
         _print_arm(summary["arm"])
     if summary["streams"]:
@@ -45,6 +49,14 @@ def print_session(summary: dict[str, Any], folder: Path) -> None:
             continue
         STDERR.print(f"[bold yellow]warning:[/] {escape(warning)}", soft_wrap=True)
     print(f"Open {folder / 'report.html'}")
+
+
+def _print_not_met(rows: list[dict[str, Any]]) -> None:
+    """Why palms did not meet, of the first few, for people."""
+    for row in rows[:_REASONS]:
+        print(f"    high five {row['trial'] + 1}: {row['why_not_met']}")
+    if len(rows) > _REASONS:
+        print(f"    and {len(rows) - _REASONS} more, in report.html")
 
 
 def _print_streams(streams: list[dict[str, Any]]) -> None:

@@ -18,6 +18,7 @@ from highfive.hil.session.session import RATE_HZ
 from highfive.hil.sim.rendering import Image, NoPictures, Renderer, open_renderer
 from highfive.hil.sim.scene import Scene
 from highfive.hil.sim.video import write_video
+from highfive.hil.sim.viewpoint import HANDS
 from highfive.hil.trials.key_frames import key_frames_of, showpieces
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
@@ -54,6 +55,8 @@ _SLOW_BEFORE, _SLOW_AFTER = 44, 36
 """Ticks shown in slow motion before and after contact."""
 _FADE, _TITLE, _DARK = 8, 40, 14
 """Frames of a change of camera, of the title, and of the fades from and to black."""
+_FRAMED = 0.1
+"""m, from :data:`highfive.hil.sim.viewpoint.HANDS`: palms that meet within it are well inside a close picture."""
 _RING = 20
 """Ticks that the ring around the contact lasts."""
 
@@ -74,6 +77,14 @@ class Shot:
     contact: int
     slow: bool
     arm: ContactOutcome | None = None
+
+    @property
+    def shift(self) -> Array | None:
+        """(3,) m, of the camera: what meets apart from where palms usually meet is not cut off."""
+        if not self.slow:
+            return None
+        off = self.result.contact.where - HANDS
+        return off - np.clip(off, -_FRAMED, _FRAMED)
 
 
 @dataclass(frozen=True)
@@ -102,7 +113,7 @@ class _Set:
     quality: _Quality
 
     def draw(self, shot: Shot, tick: int) -> Image:
-        return self.renderer.render(self.stage.show(shot.result, tick), shot.camera)
+        return self.renderer.render(self.stage.show(shot.result, tick), shot.camera, shot.shift)
 
     def close(self) -> None:
         self.renderer.close()

@@ -193,11 +193,15 @@ def _findings(summary: dict[str, Any]) -> str:
     found.append(
         f"Palms met in {met} of {summary['trials']} trials." + _list(" No contact: trial", summary["missed_trials"])
     )
+    for row in summary["rows"]:
+        if row["why_not_met"]:
+            found.append(f"Trial {row['trial'] + 1} ({escape(row['title'])}): {escape(row['why_not_met'])}.")
     for entry in summary["out_of_reach_trials"]:
-        found.append(
-            f"Trial {entry['trial'] + 1} ({escape(entry['title'])}): the palm was out of reach, "
-            f"{show(entry['distance_mm'])} mm away."
-        )
+        if entry["trial"] not in summary["missed_trials"]:
+            found.append(
+                f"Trial {entry['trial'] + 1} ({escape(entry['title'])}): the palm was out of reach, "
+                f"{show(entry['distance_mm'])} mm away."
+            )
     other = summary["other_error_mm"]
     if not summary["simulated"] and other["median"] is not None:
         ours = _spread(summary["contact_error_mm"], summary, "mm")

@@ -30,6 +30,8 @@ def print_scores(result: dict[str, Any]) -> None:
         table = _score_table(result, title, ranges=False)
         table.caption = "medians of the seeds; their ranges: --out, --json or a wider window"
     console.print(table)
+    if result.get("model"):
+        console.print(f"{result['model']} is scored as it stands: trials that it was trained on would flatter it")
     if result.get("false_starts"):
         console.print(_false_starts(result["false_starts"]))
     if "learning_curve" in result:

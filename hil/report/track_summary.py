@@ -23,6 +23,7 @@ def summarise_track(person: OnePerson, track: TrackedRecording) -> dict[str, Any
     return {
         "file": str(person.path),
         "person": person.prefix,
+        "other_persons": list(person.others),
         "marker_set": track.marker_set.name,
         "rate_hz": float(track.rate_hz),
         "frames": len(track),

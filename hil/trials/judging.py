@@ -14,6 +14,7 @@ from highfive.hil.session.session import RATE_HZ, Tick, tick_times
 from highfive.hil.sim.avatar import Pose
 from highfive.hil.sim.contact_check import common_normal, contact_report
 from highfive.hil.sim.playout import PlayState
+from highfive.hil.trials.not_met import why_not_met
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.geometry.rotations import Array
@@ -34,6 +35,7 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
     contact_time = np.nan if met is None else float(times[met])
     nearest = next(i for i, state in enumerate(states) if state.time_ns == contact.nearest_time_ns)
     touch_error, touch_speed = _felt(states, met, truth)
+    out_of_reach = any(ticks[i].out_of_reach for i in touched)
     # A live partner's first tick is some time after her first frame: the result counts from the tick on.
     contact = replace(
         contact,
@@ -59,7 +61,8 @@ def judged(number: int, partner: Partner, ticks: list[Tick], states: list[PlaySt
         touch_error=touch_error,
         touch_speed=touch_speed,
         palm_angle=contact.palm_angle,
-        out_of_reach=any(ticks[i].out_of_reach for i in touched),
+        out_of_reach=out_of_reach,
+        why_not_met=why_not_met(ticks, times, contact, out_of_reach),
         contact_time=contact_time,
         time_error=contact_time - partner.contact_frame / RATE_HZ if known else np.nan,
         other_error=np.nan if partner.other_palm is None else _nearest(partner.other_palm, person_palm),

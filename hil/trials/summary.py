@@ -100,6 +100,7 @@ def summarise(
     originally. Of each row, ``emotion`` is the one that was requested: the simulated person's, or the one in which a
     real person is answered; ``style`` is what the avatar answered in; ``person_emotion`` is the simulated person's,
     None of a real one. ``arm`` is :func:`highfive.hil.arm.arm_figures.arm_summary`, None where no servo arm took part.
+    ``why_not_met`` says it of a trial without contact; None of one with it.
     Trials out of reach and without contact count in all of them. ``warnings`` are sentences for people.
     ``unrecorded`` says why the recording ends before the session; '' where it does not. ``replayed`` compares with the
     recording that was played again (:meth:`highfive.hil.recording.replay.Replay.summary`); None where none was.
@@ -269,6 +270,7 @@ def _row(result: TrialResult) -> dict[str, Any]:
         "simulated": result.simulated,
         "met": result.contact.met,
         "out_of_reach": result.out_of_reach,
+        "why_not_met": result.why_not_met or None,
         "contact_time_s": _number(result.contact_time),
         **{column.name: _number(column.of([result])[0]) for column in _SPREADS},
         "gap_mm": _number(MM * result.contact.gap),

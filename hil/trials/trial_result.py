@@ -31,6 +31,7 @@ class TrialResult:
             NaN likewise.
         palm_angle: rad, between the palms, 0 when they face each other.
         out_of_reach: the palm could not be reached at contact; ``error`` says by how much.
+        why_not_met: why the palms did not meet, for people; '' where they did.
         contact_time: s, when the palms met in this trial, NaN if they did not.
         time_error: s, later (positive) than the palms met originally, NaN where not known.
         other_error: m, nearest approach of who met this hand originally, NaN where not known.
@@ -64,6 +65,7 @@ class TrialResult:
     touch_speed: float
     palm_angle: float
     out_of_reach: bool
+    why_not_met: str
     contact_time: float
     time_error: float
     other_error: float

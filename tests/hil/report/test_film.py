@@ -11,7 +11,7 @@ from paths import HELPERS
 from trial_results import some_results
 
 from highfive.hil.report.captions import Captions, who_is_who
-from highfive.hil.report.film import FPS, make_film, picture_strips, pixel_of
+from highfive.hil.report.film import FPS, Shot, make_film, picture_strips, pixel_of
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.trials.key_frames import apart_at_contact, key_frames_of, showpieces
@@ -63,6 +63,17 @@ def test_points_are_where_the_camera_sees_them(visible):
     assert pixel_of(data, "close", top, size) == pytest.approx((300.0, 0.0))
     right = ahead + 3.0 * np.tan(half_view) * axes[:, 0]
     assert pixel_of(data, "close", right, size) == pytest.approx((600.0, 200.0))
+
+
+@pytest.mark.parametrize("where", [(0.5, -0.1, 1.9), (0.4, -0.9, 1.0), (0.5, -0.2, 1.4)])
+def test_a_close_picture_has_where_the_palms_meet_well_inside(visible, results, where):
+    met = replace(results[0], contact=replace(results[0].contact, where=np.array(where)))
+    shot, data = Shot(met, "close", range(1), 0, slow=True), visible.make_data()
+    mujoco.mj_forward(visible.model, data)
+    data.cam_xpos[visible.model.camera("close").id] += shot.shift
+    column, row = pixel_of(data, "close", np.array(where), (720, 1280))
+    assert 0.3 * 1280 < column < 0.7 * 1280 and 0.3 * 720 < row < 0.7 * 720
+    assert replace(shot, camera="wide", slow=False).shift is None
 
 
 def test_captions_stay_in_their_corners(results):
@@ -119,6 +130,7 @@ def test_no_trials_make_no_film(visible, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_a_film_that_cannot_be_written_is_one_line(visible, results, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(HighFiveError) as error:
@@ -142,6 +154,7 @@ print(make_film(scene, results, Path("never.mp4")).reason)
 """
 
 
+@pytest.mark.slow
 def test_without_opengl_there_is_a_reason(tmp_path):
     command = [sys.executable, "-c", WITHOUT_OPENGL, str(HELPERS)]
     environment = {**os.environ, "MUJOCO_GL": "disable"}

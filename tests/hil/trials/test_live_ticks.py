@@ -115,6 +115,7 @@ def test_a_trial_does_not_begin_with_a_frame_of_long_ago(greeting: Recording, cl
 
 
 @pytest.mark.parametrize("step_ms", [-700, -400, -150, 10, 150, 400])
+@pytest.mark.slow
 def test_a_clock_of_the_system_that_is_set_costs_nobody_the_person(
     step_ms: int, greeting: Recording, clock: VirtualClock
 ) -> None:

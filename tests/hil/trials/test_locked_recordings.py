@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from highfive.hil.datasets.training_data import load_trials, track_hand
 from highfive.hil.trials.locked_recordings import write_locked
@@ -10,6 +11,7 @@ from highfive.hil.trials.locked_set import locked_pair, locked_trials
 from highfive.mocap_bridge.files.c3d import read_c3d
 
 
+@pytest.mark.slow
 def test_its_people_are_tracked_as_in_a_session_and_all_are_held_out(tmp_path: Path) -> None:
     chosen = [locked_trials()[n] for n in (0, 60, 99)]
     pairs = [pair for pair in map(locked_pair, chosen) if pair is not None]

@@ -5,6 +5,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from highfive.hil.trials.machine import machine, machine_differences
 
 _CODE = """
@@ -33,6 +35,7 @@ def test_who_compiled_is_said() -> None:
     assert line.startswith("machine code compiled in the session's process (2 functions) then, from its cache now")
 
 
+@pytest.mark.slow
 def test_the_process_that_compiles_knows_it_and_the_next_one_loads(tmp_path: Path) -> None:
     (tmp_path / "made_up_module.py").write_text(
         "from highfive.model.compiled import compiled_entry\n\n\n@compiled_entry\ndef doubled(x):\n    return 2.0 * x\n"

@@ -70,6 +70,7 @@ def test_respond(run) -> None:
     assert rows[0][3] > 2.0 * off  # it sharpens
 
 
+@pytest.mark.slow
 def test_style_blend(run) -> None:
     rows = re.findall(r"^(.+?) +peak speed ([\d.]+) m/s, way ([\d.]+) m, nearest (\d+) mm", run("style_blend.py"), re.M)
     speed = {name: float(peak) for name, peak, _, _ in rows}
@@ -83,6 +84,7 @@ def test_live_source(run, file: Path) -> None:
     assert re.search(r"frame \d+: 1\d of 16 markers", run("live_source.py", file))
 
 
+@pytest.mark.slow
 def test_track_file(run, file: Path) -> None:
     ((seen, filled),) = numbers(r"^([\d.]+)% of the markers seen, ([\d.]+)% after", run("track_file.py"))
     assert seen < 97.0 and filled == 100.0
@@ -106,6 +108,7 @@ def test_export_motion(run, tmp_path: Path) -> None:
     assert (tmp_path / names[1]).read_bytes()[:4] == b"glTF"
 
 
+@pytest.mark.slow
 def test_retarget_arm(run) -> None:
     out = run("retarget_arm.py")
     rows = numbers(
@@ -125,6 +128,7 @@ def test_safety_envelope(run) -> None:
     assert "catch_up" in out and out.splitlines()[-1].startswith("stopped: waist")
 
 
+@pytest.mark.slow
 def test_analyse_answers(run, tmp_path: Path) -> None:
     ((low, high),) = numbers(r"logit \(95 % ([-+][\d.]+) to ([-+][\d.]+)\)", run("analyse_answers.py"))
     assert low < 0.89 < high  # what was put in: the odds of .85 over those of .70, as a logarithm

@@ -154,7 +154,10 @@ def find_arm(arm: str = DEFAULT_ARM) -> ArmFolder:
     folder = ARMS / arm if arm in shipped() else Path(arm)
     path = folder / "arm.toml"
     if not path.is_file():
-        raise HighFiveError(f"there is no arm {arm!r}: known are {', '.join(shipped())}, or a folder with an arm.toml")
+        known = f"known are {', '.join(shipped())}, or a folder with an arm.toml"
+        raise HighFiveError(
+            f"there is no arm {arm!r}: {known}, which `highfive rig draft` makes of a URDF or MJCF file"
+        )
     try:
         return _described(folder, read_toml(path, "the arm"))
     except HighFiveError as error:

@@ -23,7 +23,7 @@ from highfive.hil.bench.webcam_recorded import STEP, RecordedClip, load_clips
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
-from highfive.hil.session.reach import SEEN_LATE
+from highfive.hil.session.reach_settings import SEEN_LATE
 from highfive.hil.session.session import RATE_HZ, Session, TickInput
 from highfive.hil.sim.contact_check import ON_THE_PALM
 from highfive.hil.sim.playout import KinematicPlayOut

@@ -335,7 +335,15 @@ def _run() -> NoReturn:
 def _asked(error: TyperException) -> str:
     """The command that was asked for something, as it is typed."""
     context = getattr(error, "ctx", None)
-    return " ".join(["highfive", *context.command_path.split()[1:]]) if context is not None else "highfive"
+    if context is None:  # the words could not be taken apart: an option at their end has no value
+        named, command = "highfive", typer.main.get_command(app)
+        for word in sys.argv[1:]:
+            if (command := getattr(command, "commands", {}).get(word)) is None:
+                break
+            named += f" {word}"
+        return named
+    root: str = context.find_root().command_path  # "python -m highfive.hil.cli.main" where it was called so
+    return f"highfive{context.command_path.removeprefix(root)}"
 
 
 def _end_interrupted(how: str) -> NoReturn:

@@ -56,12 +56,15 @@ def train(
     avatar_set: AvatarSet = None,
     seed: Seed = 0,
     restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
-    iterations: Annotated[int | None, typer.Option(min=1, help="Steps of training (default: the preset's).")] = None,
+    iterations: Annotated[
+        int | None,
+        typer.Option(min=1, help="Steps of training the hierarchy (default: the preset's); others have their own."),
+    ] = None,
     whole_arm: Annotated[
         bool | None,
         typer.Option(
             "--whole-arm/--hand-alone",
-            help="Elbow, shoulder and head, too, tell where and when palms meet (default: if all trials have them).",
+            help="Elbow, shoulder and head, too, tell where and when palms meet (default: if most trials have them).",
         ),
     ] = None,
     no_distractors: Annotated[
@@ -124,7 +127,9 @@ def evaluate(
     ] = None,
     windows: Annotated[Path | None, typer.Option(help="A windows file (.npz) instead of a data folder.")] = None,
     preset: Annotated[str, typer.Option(help="default, or paper: what is trained if no model is given.")] = "default",
-    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer and of the sparse GP.")] = 200,
+    inducing: Annotated[
+        int, typer.Option(min=2, help="Inducing inputs of each layer and of the sparse GP; of a given model its own.")
+    ] = 200,
     seeds: Annotated[int, typer.Option(min=1, help="Trainings; the scores are medians.")] = 3,
     leave_out: Annotated[
         str | None, typer.Option(help="repetition or cell: each is held out in turn, whatever the table's split.")

@@ -36,7 +36,7 @@ from highfive.hil.runtime.clock import MACHINE
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.runtime.threads import quick_switching
-from highfive.hil.session.reach import SEEN_LATE
+from highfive.hil.session.reach_settings import SEEN_LATE
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.capture import PERSON_SET
 from highfive.hil.sim.scene import build_scene

@@ -68,7 +68,7 @@ def check_webcam_options(options: SimulateOptions) -> None:
         raise HighFiveError("a webcam says itself when and where: leave out --place and --latency")
     camera_settings(options)
     if webcam.video is not None and (webcam.video.suffix.lower() not in VIDEOS or not webcam.video.is_file()):
-        raise HighFiveError(f"--camera {webcam.video}: expected a video that is there, one of {', '.join(VIDEOS)}")
+        raise HighFiveError(f"--camera {webcam.video}: no such film; expected one of {', '.join(VIDEOS)}")
 
 
 def camera_settings(options: SimulateOptions) -> CameraSettings:

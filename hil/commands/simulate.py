@@ -30,7 +30,7 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.runtime.interrupts import interrupted_between_ticks
-from highfive.hil.session.reach import SEEN_LATE
+from highfive.hil.session.reach_settings import SEEN_LATE
 from highfive.hil.session.session import UNSEEN_AT_REST, Session
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.scene import Scene, build_scene

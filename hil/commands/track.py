@@ -18,6 +18,7 @@ from highfive.hil.report.track_summary import angle_rows, summarise_track
 from highfive.hil.runtime.console import STDOUT, Bar, counted, say_aside
 from highfive.hil.runtime.folders import next_folder, results_folder, write_file
 from highfive.mocap_bridge.files.c3d_fill import write_filled
+from highfive.mocap_bridge.files.recording import prefixes_listed
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.one_person import OnePerson, read_person
 from highfive.mocap_bridge.tracking.tracked_recording import TrackedRecording, passes, track_recording
@@ -110,6 +111,9 @@ def print_track(summary: dict[str, Any]) -> None:
         f"{Path(summary['file']).name}{whose}: {counted(summary['frames'], 'frame')} at {summary['rate_hz']:g} Hz, "
         f"marker set {summary['marker_set']}{', fitted to the person' if summary['fitted'] else ''}"
     )
+    if summary["other_persons"]:
+        others = prefixes_listed(summary["other_persons"])
+        print(f"  left out              {others}: no right arm by these labels; --person asks for one")
     residual = summary["residual_mm"]
     if residual is not None:
         print(f"  measured to skeleton  median {residual['median']:.1f} mm, 95 % within {residual['p95']:.1f} mm")

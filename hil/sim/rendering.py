@@ -13,6 +13,7 @@ from highfive.hil.sim.arm_body import ArmTwin
 from highfive.hil.sim.scene import Scene
 from highfive.hil.sim.viewpoint import CAMERAS
 from highfive.model.errors import HighFiveError
+from highfive.model.geometry.rotations import Array
 
 Image = NDArray[np.uint8]
 
@@ -49,8 +50,13 @@ class Renderer:
         self._option.geomgroup[3] = 0
         self._option.sitegroup[:] = 0
 
-    def render(self, data: mujoco.MjData, camera: str = "wide") -> Image:
+    def render(self, data: mujoco.MjData, camera: str = "wide", shift: Array | None = None) -> Image:
         """Picture (height, width, 3) of the state, which needs ``mujoco.mj_kinematics`` or a forward call before.
+
+        Args:
+            data: the state.
+            camera: one of the scene's.
+            shift: (3,) m, of the camera from its place, which ``data.cam_xpos`` has afterwards.
 
         Raises:
             HighFiveError: there is no such camera.
@@ -58,6 +64,8 @@ class Renderer:
         if camera not in CAMERAS:
             raise HighFiveError(f"no camera called {camera!r}; the scene has {', '.join(CAMERAS)}")
         mujoco.mj_camlight(self._scene.model, data)
+        if shift is not None:
+            data.cam_xpos[self._scene.model.camera(camera).id] += shift
         self._renderer.update_scene(data, camera, self._option)
         return self._renderer.render()
 

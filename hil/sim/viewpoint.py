@@ -16,6 +16,10 @@ CAMERAS = ("wide", "close", "shoulder", "front")
 
 BETWEEN = np.array([0.5, 0.0, 1.15])
 """(3,) m, half way between the two, at the height of their chests: what is looked at."""
+HANDS = np.array([0.53, -0.2, 1.43])
+"""(3,) m, amid the places where palms meet: what the camera ``close`` looks at, from :data:`NEAR`."""
+NEAR = 1.06
+"""m."""
 FIELD_OF_VIEW = 36.0
 """°, upright, of a camera of one's own."""
 
@@ -38,7 +42,16 @@ class Viewpoint:
     distance: float = 0.0
 
     def apply(self, model: Any) -> None:
-        """Puts the camera ``wide`` of a MuJoCo model there."""
+        """Puts the camera ``wide`` of a MuJoCo model there; ``close`` then looks at the hands in the same direction."""
+        self._stand(model)
+        if self.camera in ("wide", "close"):
+            return
+        wide, close = model.camera("wide").id, model.camera("close").id
+        ahead = -rotations.to_matrix(model.cam_quat[wide])[:, 2]
+        model.cam_pos[close], model.cam_quat[close] = HANDS - NEAR * ahead, model.cam_quat[wide]
+        model.cam_fovy[close] = FIELD_OF_VIEW
+
+    def _stand(self, model: Any) -> None:
         wide = model.camera("wide").id
         if self.camera:
             other = model.camera(self.camera).id

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,6 +82,11 @@ class SeveralPersons(HighFiveError):
     """There are several persons, and nobody said which one is meant: waiting does not help."""
 
 
+def prefixes_listed(prefixes: Iterable[str]) -> str:
+    """Whose labels there are, for people; '' for nobody's."""
+    return ", ".join(prefix or "(labels without a prefix)" for prefix in prefixes)
+
+
 def columns_of_person(names: Sequence[str], prefix: str | None, source: str, beside: Collection[str] = ()) -> list[int]:
     """Columns of the labels ``names`` that are one person's; see :meth:`Recording.person`.
 
@@ -93,7 +98,7 @@ def columns_of_person(names: Sequence[str], prefix: str | None, source: str, bes
     """
     own = {name.rpartition(":")[0] for name in names if name.rpartition(":")[2] not in beside}
     prefixes = tuple(one for one in dict.fromkeys(name.rpartition(":")[0] for name in names) if one in own)
-    known = ", ".join(p or "(labels without a prefix)" for p in prefixes) or "(no labels)"
+    known = prefixes_listed(prefixes) or "(no labels)"
     if prefix is None:
         if not prefixes:
             raise HighFiveError(f"{source} has no labels; label the markers of a person there")

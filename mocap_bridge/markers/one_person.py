@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from highfive.mocap_bridge.files.c3d import read_c3d
-from highfive.mocap_bridge.files.recording import Recording
+from highfive.mocap_bridge.files.recording import Recording, prefixes_listed
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.markers.recognise import find_marker_set
@@ -25,6 +25,7 @@ class OnePerson:
         prefix: what stands before the colon of the person's labels; ``''`` for none.
         recording: the person's markers, the prefix taken off.
         marker_set: the set that is used.
+        others: prefixes of who else is in the file, where nobody was asked for.
         refused: frames of which nothing is used: their markers span what no person does, so they are of another unit.
     """
 
@@ -33,6 +34,7 @@ class OnePerson:
     recording: Recording
     marker_set: MarkerSet
     refused: int = 0
+    others: tuple[str, ...] = ()
 
     @property
     def missing(self) -> tuple[str, ...]:
@@ -69,12 +71,13 @@ def read_person(path: Path, person: str | None, requested: str | None) -> OnePer
         HighFiveError: the file is not usable, it holds several people, or the labels do not fit.
     """
     whole = read_c3d(path)
+    named = person is not None
     chosen = None if requested is None else load_marker_set(requested)
     if person is None and len(whole.prefixes) > 1:
         fitting = [prefix for prefix in whole.prefixes if shows_right_arm(whole.person(prefix), chosen)]
         person = fitting[0] if len(fitting) == 1 else None
     if person is None and len(whole.prefixes) > 1:
-        known = ", ".join(prefix or "(labels without a prefix)" for prefix in whole.prefixes)
+        known = prefixes_listed(whole.prefixes)
         raise HighFiveError(f"{whole.source} holds several persons: {known}; say which one with --person")
     one = whole.person(person)
     marker_set = find_marker_set(one.names) if chosen is None else chosen
@@ -82,7 +85,9 @@ def read_person(path: Path, person: str | None, requested: str | None) -> OnePer
     marker_set.arrange(one.names, *one_frame, required=marker_set.arm.markers)
     prefix = "".join(whole.prefixes) if person is None else person.removesuffix(":")
     strange = of_another_unit(spans(one.points, one.valid))  # a live system that changed its unit was recorded so
-    return OnePerson(path, prefix, replace(one, valid=one.valid & ~strange[:, None]), marker_set, int(strange.sum()))
+    others = () if named else tuple(other for other in whole.prefixes if other != prefix)
+    seen = replace(one, valid=one.valid & ~strange[:, None])
+    return OnePerson(path, prefix, seen, marker_set, int(strange.sum()), others)
 
 
 def shows_right_arm(one: Recording, chosen: MarkerSet | None) -> bool:

@@ -26,6 +26,7 @@ def _two(delay: float, seed: int, noise: float = 0.0005) -> tuple[Array, Array, 
 
 
 @given(st.floats(-0.05, 0.1), st.integers(0, 999))
+@pytest.mark.slow
 def test_the_delay_comes_back_within_half_a_millisecond_or_three_stated_errors(delay: float, seed: int) -> None:
     """With noise, gaps, stray points, two rates and another size."""
     found = stream_delay(*_two(delay, seed))

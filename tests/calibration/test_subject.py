@@ -93,6 +93,7 @@ def test_a_recording_without_markers_is_refused():
 
 @pytest.mark.data
 @pytest.mark.parametrize("who", ["A", "B"])
+@pytest.mark.slow
 def test_real_people_are_fitted_to_millimetres(recordings, who):
     recording = read_c3d(recordings / "high_five" / "cmu_20_21_11_high_five.c3d").person(who)
     centres = load_marker_set("cmu_joint_centres")

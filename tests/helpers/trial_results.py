@@ -57,6 +57,7 @@ def simulated_result(
         touch_speed=contact.approach_speed if contact.met else float("nan"),
         palm_angle=contact.palm_angle,
         out_of_reach=away > 0.0,
+        why_not_met="" if contact.met else "the person's hand was out of the avatar's reach",
         contact_time=contact_time,
         time_error=contact_time - trial.contact_frame / RATE_HZ,
         other_error=float("nan"),

@@ -23,7 +23,8 @@ LONGEST_LINE = 1000
 def shipped() -> Iterator[Path]:
     for folder in FOLDERS:
         for path in (ROOT / folder).rglob("*"):
-            if path.is_file() and not path.is_symlink() and "__pycache__" not in path.parts:
+            left = {"__pycache__", "build"} & set(path.relative_to(ROOT).parts)  # by Python, and by `make webcam`
+            if path.is_file() and not path.is_symlink() and not left:
                 yield path.relative_to(ROOT)
 
 

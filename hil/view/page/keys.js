@@ -27,7 +27,8 @@ export function listen(stop, keys) {
   addEventListener("keydown", hear, { capture: true });
   addEventListener("keyup", hear, { capture: true });
   // What was pressed or dragged with a pointer does not keep the keys; who came to it by Tab does.
-  const leave = ({ target }) => { if (target.closest?.("button, input")) setTimeout(() => document.activeElement?.blur(), 0); };
+  // At once: a browser hands on a key that waits before it fires a timer.
+  const leave = ({ target }) => { if (target.closest?.("button, input")) document.activeElement?.blur(); };
   addEventListener("pointerup", leave);
   addEventListener("click", (event) => { if (event.detail) leave(event); });
   addEventListener("change", ({ target }) => { if (target.tagName === "SELECT") target.blur(); });

@@ -90,6 +90,7 @@ def still_hand(cell: str, seconds: float = 1.2, rate_hz: float = RATE_HZ) -> Ref
 
 
 @pytest.mark.parametrize("cell", ["A1", "B2", "B3"])
+@pytest.mark.slow
 def test_a_hand_that_waits_is_met(loop: ArmLoop, cell: str) -> None:
     trial = played(still_hand(cell), loop)
     assert trial.met.touched

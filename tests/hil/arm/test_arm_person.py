@@ -38,6 +38,7 @@ READY = default_arm().ready
 
 
 @pytest.mark.parametrize("part", ["hand", "head"])
+@pytest.mark.slow
 def test_the_arm_holds_in_time_after_the_last_marker_was_measured(part: str) -> None:
     """Every marker of hand or head is hidden at once, while the hand comes up; the tracker carries it on for longer."""
     partner = simulated_partners(1, ["neutral"], ["B2"], 0, lambda _: lambda *_: None)[0]

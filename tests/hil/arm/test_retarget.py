@@ -15,7 +15,8 @@ from highfive.hil.arm.reachability import cell_point, facing
 from highfive.hil.arm_model import dynamics
 from highfive.hil.arm_model.servo_arm import ServoArm, default_arm, solve
 from highfive.hil.safety.people import speed_near_face
-from highfive.hil.session.reach import Phase, ReachSettings, ReachTarget
+from highfive.hil.session.reach import Phase, ReachTarget
+from highfive.hil.session.reach_settings import ReachSettings
 from highfive.hil.sim.people.grid import CELLS
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array

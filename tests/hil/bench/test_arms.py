@@ -86,6 +86,7 @@ def test_whatever_is_off_moves_the_body_otherwise(what: str) -> None:
     assert 1e-5 < np.abs(moved).max() < 0.1
 
 
+@pytest.mark.slow
 def test_a_perturbed_arm_meets_the_hand_and_keeps_the_laws(reference: ReferenceTrajectory) -> None:
     played = play_with(ArmJob(11, (reference,)))
     assert played == play_with(ArmJob(11, (reference,)))

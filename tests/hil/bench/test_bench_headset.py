@@ -97,6 +97,7 @@ def test_the_limit_of_a_still_or_steady_hand_is_none_but_noise() -> None:
     np.testing.assert_allclose(predicted(times, places, at), expected, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_the_limit_follows_noise_and_delay(motion) -> None:
     """Later is worse; a hand that is out of view at contact has none."""
     job = HeadsetJob("happy", "B2", 3, Device(60.0, 20.0))

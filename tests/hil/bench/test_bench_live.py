@@ -92,6 +92,7 @@ def test_palms_meet_at_any_rate_as_they_do_at_120_hz(capsys: pytest.CaptureFixtu
             assert row["paired"][figure] <= 0.2 * usual[figure]["median"], (rate, figure, row)
 
 
+@pytest.mark.slow
 def test_the_twin_follows_a_live_system_at_the_pace_of_its_frames(person: Partner) -> None:
     """78 Hz is where ticks are furthest apart before a tick without a frame comes between."""
     felt = play(LiveJob(person, System(78.0), 3, twin=True))

@@ -13,6 +13,7 @@ def quiet(_: str, __: int):
     return lambda: None
 
 
+@pytest.mark.slow
 def test_a_command_is_run_in_a_terminal_and_what_it_shows_is_timed(tmp_path: Path) -> None:
     run = started(["track", "--help"], tmp_path, r"Usage: \S+ track")
     assert run.code == 0 and run.first_s is not None and run.first_s <= run.seconds
@@ -22,6 +23,7 @@ def test_a_command_is_run_in_a_terminal_and_what_it_shows_is_timed(tmp_path: Pat
     assert failed.code == 2 and failed.first_s is None and "nothing.c3d" in failed.shown
 
 
+@pytest.mark.slow
 def test_an_installation_has_all_that_it_needs_and_extras_count_what_they_add() -> None:
     sizes = installed_sizes("high-five", 3)
     whole = sizes[""]

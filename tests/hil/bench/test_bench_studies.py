@@ -33,6 +33,7 @@ def test_a_truth_that_was_not_put_in_is_not_held() -> None:
     assert not any(one for _, one in studies._held((found, off)))
 
 
+@pytest.mark.slow
 def test_warnings_are_heard_again_afterwards() -> None:
     level = LOGGER.level
     assert bench_studies(StudiesOptions(studies=1, people=2), no_bar)["studies"] == 1

@@ -35,6 +35,7 @@ def small() -> dict:
     return json.loads(json.dumps(bench_tracker.bench_tracker(options, silent), allow_nan=False))
 
 
+@pytest.mark.slow
 def test_the_figures_that_are_requested_are_there(small: dict, capsys: pytest.CaptureFixture[str]):
     lost = small["lost_marker_rms_mm"]["simulated"]
     assert {"high_five", "high_five_calibrated", "constant_velocity", "constant_acceleration", "hold"} <= lost.keys()

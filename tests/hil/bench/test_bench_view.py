@@ -4,6 +4,7 @@ import threading
 import time
 
 import numpy as np
+import pytest
 
 from highfive.hil.bench.page_clients import Flood, Page, Seen
 from highfive.hil.view.live_page import LivePage
@@ -20,6 +21,7 @@ def test_dropped_are_those_in_between() -> None:
     assert seen(15, 16, before=4).dropped == 10
 
 
+@pytest.mark.slow
 def test_a_page_that_sleeps_is_sent_the_newest_and_the_others_are_counted() -> None:
     with LivePage({}, port=0) as page:
         shows, none = threading.Event(), np.zeros((1, 7))
@@ -40,6 +42,7 @@ def test_a_page_that_sleeps_is_sent_the_newest_and_the_others_are_counted() -> N
     assert woken.numbers[-1] - woken.before == len(woken.numbers) + woken.dropped
 
 
+@pytest.mark.slow
 def test_a_flood_sends_until_it_is_ended() -> None:
     with LivePage({"mode": "session"}, port=0) as page:
         flood, asked = Flood(page.address), 0

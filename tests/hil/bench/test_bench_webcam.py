@@ -29,6 +29,7 @@ def test_a_quick_hand_that_is_then_held_is_met_where_it_is(choice: dict[tuple[st
     assert 0.0 < felt.time_error < OPTIONS.hold_s + 0.1
 
 
+@pytest.mark.slow
 def test_a_live_contact_is_when_the_palms_were_together(choice: dict[tuple[str, str], RecordedClip]) -> None:
     """The first tick is for a time after the first frame, which does not put the contact off."""
     placement, marker_set = _placed(choice[PRACTICE], OPTIONS)

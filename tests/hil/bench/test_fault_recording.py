@@ -97,6 +97,7 @@ def test_a_host_that_stands_still_for_half_a_minute_has_lost_no_cycle(partner: P
         ),
     ],
 )
+@pytest.mark.slow
 def test_what_the_arm_does_on_the_way_back_is_recorded_as_it_comes(kind: str, partner: Partner, tmp_path: Path) -> None:
     run = FaultRun(FaultJob(FaultSchedule(1, 0, (Happening(kind, 0.4, phase=RETURNING),)), partner), tmp_path)
     run.run()
@@ -116,6 +117,7 @@ def test_what_the_arm_does_on_the_way_back_is_recorded_as_it_comes(kind: str, pa
     ("kind", "at_s", "law"),
     [pytest.param("Ctrl-C", 0.4, LOST, marks=pytest.mark.slow), ("host killed", 0.59, BEHIND)],
 )
+@pytest.mark.slow
 def test_a_way_back_that_is_recorded_only_once_it_is_over_breaks_a_law(
     kind: str, at_s: float, law: str, partner: Partner, tmp_path: Path
 ) -> None:

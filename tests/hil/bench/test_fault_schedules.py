@@ -87,6 +87,7 @@ def test_a_run_is_the_same_twice(partner: Partner) -> None:
         pytest.param(Happening("full disk", 1.0, 0.0, 20_000.0), "cannot write the recording", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_what_happened_is_said(happening: Happening, said: str, partner: Partner) -> None:
     laws, lines = run_schedule(FaultJob(schedule(happening), partner))
     assert not laws.broken
@@ -183,6 +184,7 @@ def test_a_stop_without_a_reason_breaks_a_law(partner: Partner, monkeypatch: pyt
     assert not said and "stopped without a reason" in [law for law, _ in laws.broken]
 
 
+@pytest.mark.slow
 def test_the_contact_is_found_by_its_time(played: FaultRun) -> None:
     assert played.trial is not None
     assert abs(played.trial.met.later) < 0.15

@@ -37,6 +37,7 @@ def test_every_reader_gives_a_value_or_a_line_many_times() -> None:
 
 
 @pytest.mark.parametrize("reader", ["npz", "toml", "mcap", "page", "take"])
+@pytest.mark.slow
 def test_inputs_are_the_same_each_time_and_not_the_sound_ones(reader: str) -> None:
     seeds = READERS[reader]()
     first, again = ([drawn(seeds, reader, 3, n)[1] for n in range(len(seeds) + 60)] for _ in range(2))
@@ -111,6 +112,7 @@ def _judged(folder: Path, said: Any) -> None:
     said.send([worker.wrong(Seed(b"x", read), b"x") for read in CASES])
 
 
+@pytest.mark.slow
 def test_what_no_reader_may_do_is_seen(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
     heard, said = context.Pipe(duplex=False)

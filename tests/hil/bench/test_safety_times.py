@@ -103,6 +103,7 @@ def ticks(reference: ReferenceTrajectory) -> tuple[int, ...]:
     return ENGAGING, FIRST, reference.due - AT_HAND, reference.due - NEAR_CONTACT
 
 
+@pytest.mark.slow
 def test_it_stops_the_arm_in_time_in_a_high_five_too(reference: ReferenceTrajectory) -> None:
     for number, tick in enumerate(ticks(reference)):
         # Of the instants of switching on one in which the arm is limp, and one in which it is held.
@@ -120,6 +121,7 @@ def test_it_stops_the_arm_in_time_in_every_tick_at_every_phase(reference: Refere
                 stop_in_time(begun, happening, tick, PHASES)
 
 
+@pytest.mark.slow
 def test_each_dead_servo_is_found_out_in_time(reference: ReferenceTrajectory) -> None:
     phases = np.arange(len(SERVOS)) / len(SERVOS)
     with high_five_at(reference, default_planner(), reference.due // 2) as begun:
@@ -142,6 +144,7 @@ def hold_in_time(tick: int, phases: Sequence[float], reference: ReferenceTraject
     assert tell(f"person not measured in tick {tick}", times) <= HOLD_MS and min(times) > 50.0, times
 
 
+@pytest.mark.slow
 def test_an_arm_whose_person_is_not_measured_any_more_is_held_in_time(reference: ReferenceTrajectory) -> None:
     for number, tick in enumerate(ticks(reference)[1:]):
         hold_in_time(tick, PHASES[1 + 4 * number :: 12], reference)

@@ -112,6 +112,7 @@ def test_unknown_cell_option_and_command(highfive) -> None:
 def test_what_is_wrong_names_the_help_of_the_command_that_was_asked(highfive) -> None:
     assert_one_line(highfive("simulate", "--trials", "0"), "it should be greater", "see highfive simulate --help")
     assert_one_line(highfive("rig", "scan", "--absent"), "No such option", "see highfive rig scan --help")
+    assert_one_line(highfive("rig", "play", "x.mcap", "--port"), "requires an argument", "see highfive rig play --help")
     assert_one_line(highfive("absent"), "No such command", "see highfive --help")
 
 
@@ -167,6 +168,7 @@ def test_a_port_that_was_not_named(highfive) -> None:
         assert_one_line(highfive("rig", command), "Missing argument 'PORT'. (highfive rig scan lists ports;")
 
 
+@pytest.mark.slow
 def test_sources_that_are_none(highfive, tmp_path: Path) -> None:
     arm = ["human:RSHO", "human:RELB"]
     whole = c3d(tmp_path / "whole.c3d", arm).read_bytes()

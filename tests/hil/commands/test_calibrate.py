@@ -142,6 +142,7 @@ def test_bad_input_is_one_line(run, folder: Path, result: dict):
 @pytest.mark.parametrize(
     ("file", "longest", "shortest"), [("markers_analogs", 0.33, 0.26), ("Movement_trial", 0.33, 0.25)]
 )
+@pytest.mark.slow
 def test_real_people_are_of_a_human_size(recordings: Path, tmp_path: Path, file, longest, shortest):
     path = recordings / "markers" / f"{file}.c3d"
     result = calibrate_subject(CalibrateOptions(path, out=tmp_path / "subject.toml"), quiet)

@@ -91,6 +91,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("lsl/EEG", "person", 1e3 * (EEG_S - PERSON_S), 3.0),
     ],
 )
+@pytest.mark.slow
 def test_a_stream_is_found_as_late_as_it_is(
     stream: str, reference: str, late_ms: float, off_ms: float, recorded: Path, tmp_path: Path
 ) -> None:

@@ -94,6 +94,7 @@ def test_nodding_and_turning_find_the_space_and_the_delay(clock: VirtualClock, t
         pytest.param(Moves(), {"worn": False}, "no headset has sent anything", marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_what_is_too_little_is_refused(
     moves: Moves, said: dict, message: str, clock: VirtualClock, tmp_path: Path
 ) -> None:
@@ -150,6 +151,7 @@ def test_a_session_refuses_a_registration_without_a_system(
 
 
 @pytest.mark.parametrize("moved_m", [pytest.param(0.0, marks=pytest.mark.slow), 0.04])
+@pytest.mark.slow
 def test_drift_is_said_once_and_its_absence_not_at_all(moved_m: float, clock: VirtualClock, tmp_path: Path) -> None:
     """The head as both see it, for ten seconds; the headset's space lies where it was registered, or elsewhere."""
     registered(clock, tmp_path / "headset.toml")

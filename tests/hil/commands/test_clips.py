@@ -42,6 +42,7 @@ def clock() -> Iterator[VirtualClock]:
     ("style", "turned"),
     [("fearful", 2.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in (("neutral", 0.0), ("angry", -1.0)))],
 )
+@pytest.mark.slow
 def test_a_labs_recording_becomes_the_motion_that_was_acted(style: str, turned: float, tmp_path: Path) -> None:
     """Wherever in the room, and in whichever direction, the actor stood."""
     motion, worn = turning(style, np.random.default_rng(5)), load_marker_set(AVATAR_SET)

@@ -111,6 +111,7 @@ def test_notes_tell_of_the_pilot_and_of_few_clips() -> None:
     assert _notes(protocol("morph")) == _notes(protocol("tipping")) == []
 
 
+@pytest.mark.slow
 def test_the_picture_is_the_same_twice_and_shows_every_kind_and_the_first_of_many() -> None:
     heights: dict[tuple[str, int], int] = {}
     caption = ""

@@ -119,6 +119,7 @@ def test_another_process_makes_the_same_files_bit_for_bit(tmp_path: Path) -> Non
     assert not re.search(rb"<dc:date>|/CreationDate", text)
 
 
+@pytest.mark.slow
 def test_names_are_shown_as_they_are(analyse, tmp_path: Path) -> None:
     (tmp_path / "trials.csv").write_text(simulated_study().replace("A1", "$\\no<b>$").replace("angry", "$\\x$"))
     code, _, err = analyse("--trials", "trials.csv", "--out", "study")

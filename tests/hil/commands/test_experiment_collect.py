@@ -74,6 +74,7 @@ def led_by(
         return led(chosen, CollectionFolder(folder, asked), people, PageInProcess(someone(), clock), no_bar, clock)
 
 
+@pytest.mark.slow
 def test_what_was_sent_of_both_is_what_is_recorded(clock: VirtualClock, tmp_path: Path) -> None:
     """Every frame of the data folder's takes is a frame of the recording that is served, in its order."""
     served = pair()

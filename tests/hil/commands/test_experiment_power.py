@@ -30,6 +30,7 @@ def no_bar(label: str, total: int):
     return lambda note="", done=None: None
 
 
+@pytest.mark.slow
 def test_the_table_is_the_one_that_was_made_apart_and_the_number_of_people_lies_in_it(highfive) -> None:
     code, out, _ = highfive("--trials", 72, "--difference", 0.08, "--people", 8, "--people", 12, "--json")
     found = json.loads(out)
@@ -52,6 +53,7 @@ def test_an_experiment_says_how_many_trials_are_compared(tmp_path: Path) -> None
     assert morph["assumed"]["pse_error"] == pytest.approx(0.049, abs=0.012)
 
 
+@pytest.mark.slow
 def test_more_trials_make_a_better_pse_and_chosen_ones_half_of_them_do() -> None:
     levels = list(protocol("morph").morph.levels)  # pyright: ignore[reportOptionalMemberAccess]
     four, sixteen = constant_error(levels * 4, 1), constant_error(levels * 16, 1)

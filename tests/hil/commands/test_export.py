@@ -57,6 +57,7 @@ def test_one_high_five_under_a_name_of_its_own(run, session, tmp_path):
     assert there(tmp_path / "new") == {"angry.bvh"}
 
 
+@pytest.mark.slow
 def test_out_is_a_folder_or_begins_the_names(run, session, tmp_path):
     run(session, "--to", "csv", "--out", tmp_path / "one")
     assert there(tmp_path / "one") == set(FILES["csv"])
@@ -67,6 +68,7 @@ def test_out_is_a_folder_or_begins_the_names(run, session, tmp_path):
 @pytest.mark.parametrize(
     "kind", ["bvh", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("csv", "npz", "c3d", "bids"))]
 )
+@pytest.mark.slow
 def test_what_is_there_stays_unless_it_may_be_replaced(run, fails, session, kind):
     assert run(session, "--to", kind)[0] == 0
     before = {name: (session / name).read_bytes() for name in there(session)}

@@ -56,6 +56,7 @@ def test_trc_of_both_people_in_y_up_millimetres(run, tmp_path):
 
 
 @pytest.mark.parametrize("unit", ["m", "cm", "mm"])
+@pytest.mark.slow
 def test_tables_tell_unit_and_vertical_by_the_people(run, tmp_path, unit):
     scale = {"m": 1.0, "cm": 100.0, "mm": 1000.0}[unit]
     (tmp_path / "up_z.csv").write_text(table(markers().names, scale * unseen_as_nan(), 120.0))

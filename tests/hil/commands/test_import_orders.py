@@ -49,6 +49,7 @@ def imported(run, path, *words):
         (1.0 / 0.056444, True, "z", ("--units", "0.056444")),  # CMU's
     ],
 )
+@pytest.mark.slow
 def test_another_order_and_unit_is_the_same_motion(run, tmp_path, usual, scale, late, up, words):
     theirs = imported(run, tmp_path / "usual.bvh")
     other = rewritten(usual, np.random.default_rng(round(scale)), scale, late, up)

@@ -318,6 +318,7 @@ def test_a_placement_is_kept_for_the_next_session(greeting: Path, tmp_path: Path
 
 
 @pytest.mark.parametrize("late_ms", [0.0, 12.0, 60.0])
+@pytest.mark.slow
 def test_a_person_who_is_measured_to_be_late_is_seen_by_that_much_earlier(
     late_ms: float, greeting: Path, tmp_path: Path
 ) -> None:

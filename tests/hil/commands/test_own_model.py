@@ -66,6 +66,7 @@ def test_it_is_played_and_reported(tmp_path: Path, models: Path) -> None:
         ("learns", "learns from trials; give a data folder (--data DIR)"),
     ],
 )
+@pytest.mark.slow
 def test_one_that_fails_is_named_in_one_line(tmp_path: Path, models: Path, name: str, says: str) -> None:
     result = simulate(tmp_path / "out", "--model", f"{models}:{name}", "--trials", 1)
     assert says in str(result.exception)

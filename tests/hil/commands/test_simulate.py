@@ -267,6 +267,7 @@ def test_without_opengl_it_runs_as_promised_and_says_that_pictures_were_left_out
 
 @pytest.mark.data
 @pytest.mark.parametrize(("human", "other"), [("A", "B"), pytest.param("B", "A", marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_a_real_hand_is_met_or_said_to_be_out_of_reach(
     recordings: Path, tmp_path: Path, human: str, other: str
 ) -> None:

@@ -60,6 +60,7 @@ def test_a_note_is_kept_and_a_pause_comes_after_the_trial(clock: VirtualClock, t
 
 
 @pytest.mark.parametrize("template", ["high_five", "tipping"])
+@pytest.mark.slow
 def test_the_room_is_not_empty_before_the_first_trial(template: str, clock: VirtualClock, tmp_path: Path) -> None:
     with ExitStack() as stack:
         clips = load_clips(SIMULATED, protocol(template)) if template == "tipping" else None

@@ -97,6 +97,7 @@ def test_the_angles_are_the_persons(name: str, blank: set[str], tmp_path: Path):
         assert all(0.0 < float(row[f"{angle}_sd_deg"]) < 20.0 for row in rows)
 
 
+@pytest.mark.slow
 def test_a_file_without_gaps_comes_back_as_it_was(tmp_path: Path):
     whole = simulated_reach(tmp_path / "whole.c3d", frames=60)
     result = track(TrackOptions(whole.path, out=tmp_path / "out"), quiet)
@@ -151,6 +152,7 @@ def test_what_no_one_can_know_is_left_open(tmp_path: Path):
     assert 0 < result["filled_points"] < result["hidden_points"]
 
 
+@pytest.mark.slow
 def test_other_people_channels_and_loose_points_are_left_alone(tmp_path: Path, reach: Reach):
     own = read_c3d(reach.path)
     stranger = np.tile(np.array([2.0, 0.0, 1.0]), (len(own), 1, 1))
@@ -163,12 +165,14 @@ def test_other_people_channels_and_loose_points_are_left_alone(tmp_path: Path, r
     write_c3d(tmp_path / "both.c3d", both)
     result = track(TrackOptions(tmp_path / "both.c3d", out=tmp_path / "out"), quiet)
     assert result["person"] == "human"  # the box has no arm
+    assert result["other_persons"] == ["box"]
     filled = read_c3d(filled_file(result))
     np.testing.assert_array_equal(filled.valid[:, -1], there[:, 0])
     assert filled.valid[:, :-1].all()
 
 
 @pytest.mark.parametrize(("frames", "shown"), [(1, 16), (2, 16), (40, 3), (40, 1)])
+@pytest.mark.slow
 def test_very_little_to_go_by_is_no_error(tmp_path: Path, frames: int, shown: int):
     """One frame, or too few markers for a pose: the report says so, nothing is made up."""
     whole = read_c3d(simulated_reach(tmp_path / "whole.c3d", frames=max(frames, 2)).path)
@@ -261,6 +265,7 @@ def test_bad_input_is_one_line(fails, reach: Reach, tmp_path: Path):
         pytest.param("85_12", "Male", "plug_in_gait", 0, [], marks=pytest.mark.slow),
     ],
 )
+@pytest.mark.slow
 def test_real_recordings_are_tracked(recordings: Path, tmp_path: Path, file, person, expected, hidden, missing):
     path = recordings / "markers" / f"{file}.c3d"
     result = track(TrackOptions(path, person, out=tmp_path), quiet)
@@ -280,6 +285,7 @@ def test_real_recordings_are_tracked(recordings: Path, tmp_path: Path, file, per
 
 @pytest.mark.data
 @pytest.mark.parametrize(("hidden", "off"), [(12, 0.015), (36, 0.045)])
+@pytest.mark.slow
 def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(
     recordings: Path, tmp_path: Path, hidden: int, off: float
 ):
@@ -300,6 +306,7 @@ def test_hidden_markers_of_a_real_arm_are_filled_near_where_they_were(
     assert 0.5 * np.median(1e3 * error) < np.median(sure) < 2.0 * np.median(1e3 * error)
 
 
+@pytest.mark.slow
 def test_a_swapped_label_is_not_believed_even_where_the_marker_was_found(tmp_path: Path) -> None:
     swapped = tmp_path / "swapped.c3d"
     simulated_reach(swapped, frames=200)
@@ -343,6 +350,7 @@ def test_an_arm_that_nobody_measures_has_no_angles(reach: Reach, tmp_path: Path)
 @pytest.mark.data
 @pytest.mark.parametrize("person", ["A", "B"])
 @pytest.mark.parametrize("fit", [True, False])
+@pytest.mark.slow
 def test_flexion_of_joint_centres_is_the_angle_that_they_make(recordings: Path, tmp_path: Path, capsys, person, fit):
     """A real high five, of which only joint centres are known: they do not show the elbow's axis."""
     path = recordings / "high_five" / "cmu_20_21_11_high_five.c3d"

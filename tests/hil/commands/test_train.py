@@ -116,8 +116,10 @@ def test_the_summary_says_whether_it_converged_and_what_became_of_each_seed() ->
     result = {
         "model": "m", "trials": 3, "points": 70, "seconds": 1.0, "marker_rms_mm": {"C7": 2.0}, "marker_rms_mm_all": 1.0,
         "objective": -2.5, "steps": 90, "fall_at_the_end": 0.5 * CONVERGED, "converged": True, "starts": starts,
-        "seed": 5, "more_trials": {}, "whole_arm": True,
+        "seed": 5, "more_trials": {}, "whole_arm": True, "pose_by_arm": 0.0,
     }  # fmt: skip
+    assert "by the whole arm, and 40 % of the pose" in summary(result | {"pose_by_arm": 0.4})[2]
+    assert summary(result)[2].endswith("by the whole arm")
     assert "by the whole arm" in summary(result)[2] and "the hand alone" in summary(result | {"whole_arm": False})[2]
     assert len(summary(result)) == 4 and "settled" not in summary(result)[1]
     result |= {"fall_at_the_end": 0.02, "converged": False}

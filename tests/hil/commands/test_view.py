@@ -34,6 +34,7 @@ def viewed(path: Path) -> tuple[dict[str, object], str, int, str]:
 
 
 @pytest.mark.parametrize("share", [0.5, 1.0])
+@pytest.mark.slow
 def test_a_recording_that_was_cut_short_says_so_on_terminal_and_page(share: float, tmp_path: Path) -> None:
     path, whole = tmp_path / "session.mcap", SHIPPED_RECORDING.read_bytes()
     path.write_bytes(whole[: int(share * len(whole))])
@@ -42,6 +43,7 @@ def test_a_recording_that_was_cut_short_says_so_on_terminal_and_page(share: floa
     assert ("was cut short" in said) == (share < 1.0) and "was cut short" not in err
 
 
+@pytest.mark.slow
 def test_a_folder_is_called_by_its_own_name_and_what_is_in_it_is_told(tmp_path: Path) -> None:
     folder = tmp_path / "participant 3"
     folder.mkdir()
@@ -87,6 +89,7 @@ def hello_of(page: LivePage) -> dict[str, object]:
         return json.loads(link.recv(20.0))
 
 
+@pytest.mark.slow
 def test_a_recording_whose_arm_is_elsewhere_is_shown_without_it(tmp_path: Path) -> None:
     folder = "/home/somebody/arms/mine"
     hello, said, code, _ = viewed(altered(tmp_path / "a.mcap", {"arm_name": folder}, arm=True))

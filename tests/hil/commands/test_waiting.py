@@ -62,6 +62,7 @@ def test_the_end_button_ends_it(page: LivePage, link: ClientConnection) -> None:
         waiting.look("nobody is here")
 
 
+@pytest.mark.slow
 def test_the_terminal_says_now_and_then_what_is_missing(page: LivePage, caplog: pytest.LogCaptureFixture) -> None:
     clock = VirtualClock()
     waiting = Waiting(page, 120.0, clock)

@@ -34,6 +34,7 @@ def checked(recording: Recording, folder: Path, wanted: str = "") -> TakeCheck:
 @pytest.mark.parametrize(
     ("repetition", "cells"), [(0, ("A1", "C2")), *(pytest.param(n, CELLS, marks=pytest.mark.slow) for n in (1, 2))]
 )
+@pytest.mark.slow
 def test_every_simulated_take_is_good_and_its_contact_and_cell_are_those_it_was_made_with(
     repetition: int, cells: tuple[str, ...], tmp_path: Path
 ) -> None:

@@ -200,6 +200,7 @@ def test_every_habit_of_naming_keeps_the_arms() -> None:
 
 
 @pytest.mark.data
+@pytest.mark.slow
 def test_the_real_high_five_in_pieces(recordings: Path, tmp_path: Path) -> None:
     write_real_set(recordings, tmp_path, 3)
     pairs = load_trials(tmp_path, say=lambda line: None)

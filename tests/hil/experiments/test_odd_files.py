@@ -45,6 +45,7 @@ def changed(value: Any, path: tuple[Any, ...], to: Any) -> Any:
 
 
 @pytest.mark.parametrize("name", templates())
+@pytest.mark.slow
 def test_an_experiment_with_an_odd_value(name: str) -> None:
     data = tomllib.loads((TEMPLATES / f"{name}.toml").read_text(encoding="utf-8"))
     refused = 0

@@ -45,6 +45,7 @@ def allowed(counts: dict[str, int], alike: int, free: str) -> set[tuple[str, ...
         ({"a": 5, "b": 1, "c": 1}, 2, ""),
     ],
 )
+@pytest.mark.slow
 def test_every_allowed_order_is_equally_likely_whichever_way_it_is_drawn(
     counts: dict[str, int], alike: int, free: str
 ) -> None:

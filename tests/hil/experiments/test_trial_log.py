@@ -237,6 +237,7 @@ def test_the_lock_of_a_dead_process_is_taken_over(tipping: Path) -> None:
     os.close(descriptor)
 
 
+@pytest.mark.slow
 def test_wherever_the_last_line_is_torn_no_row_before_is_lost(tipping: Path) -> None:
     with open_log(tipping, head(), resume=False) as log:
         answer(log, 4)

@@ -23,6 +23,7 @@ def recorder(path: Path) -> BackgroundRecorder:
     return BackgroundRecorder(SessionRecorder(path, SessionSettings(seed=1, model="m", trials=1)), paced=False)
 
 
+@pytest.mark.slow
 def test_what_was_only_counted_is_told_before_the_end_and_in_the_recording_in_which_it_was(tmp_path: Path) -> None:
     paths = [tmp_path / f"{name}.mcap" for name in ("one", "two")]
     with VirtualClock() as clock, SessionOutputs(recorder(paths[0]), clock=clock) as outputs:

@@ -171,6 +171,7 @@ def contents(folder: Path) -> dict[Path, bytes]:
 
 @pytest.mark.parametrize("name", FOLDERS)
 @pytest.mark.parametrize("held", ["notes.txt", TABLE, "models/mine.safetensors", "report.json", ".hidden"])
+@pytest.mark.slow
 def test_a_folder_that_holds_something_is_refused_before_anything_else(
     name: str, held: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -190,6 +191,7 @@ def test_a_folder_that_holds_something_is_refused_before_anything_else(
 
 
 @pytest.mark.parametrize("name", FILES)
+@pytest.mark.slow
 def test_a_file_that_is_there_is_refused_before_anything_else(
     name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:
@@ -333,6 +335,7 @@ def visible(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file() and path.name[0] != "."}
 
 
+@pytest.mark.slow
 def test_a_capture_replaces_its_own_and_nobody_elses(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -70,6 +70,7 @@ def near_somebody(rng: np.random.Generator, human: Human) -> tuple[Loop, Array, 
 
 @given(seed=st.integers(0, 2**32 - 1), ahead=st.floats(0.05, 0.3), side=st.floats(-0.15, 0.15))
 @settings(deadline=None, max_examples=30)
+@pytest.mark.slow
 def test_goals_that_lead_keep_the_rules_for_hand_and_face(seed: int, ahead: float, side: float) -> None:
     """What is sent, as it is sent: joints and plate, whatever is requested of it, near a hand and near a head."""
     rng, end = np.random.default_rng(seed), plate(STRETCHED)

@@ -38,6 +38,7 @@ def turns_round(points: Array, vertices: Array, faces: NDArray[np.int64]) -> Arr
 
 
 @pytest.mark.parametrize("cell", ["A1", "C3"])
+@pytest.mark.slow
 def test_trousers_stay_under_the_shirt_of_whoever_bends(cell: str) -> None:
     scene = build_scene(visible=True)
     result = simulated_result(scene, 0, "happy", cell)

@@ -43,6 +43,7 @@ def test_a_display_and_other_systems_are_left_to_mujoco():
 
 
 @pytest.mark.parametrize("value", ["disable", "bogus"])
+@pytest.mark.slow
 def test_everything_but_pictures_runs_without_opengl(value):
     program = (
         "from highfive.hil.sim.scene import build_scene\n"

@@ -37,6 +37,7 @@ def share_like(image, colour, tolerance=0.08):
 
 
 @pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.slow
 def test_every_camera_sees_both_people(scene, renderer, camera):
     image = picture(scene, renderer, RAISED, camera)
     assert image.shape == (121, 160, 3)

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from highfive.hil.sim.scene import Scene, build_scene
-from highfive.hil.sim.viewpoint import BETWEEN, CAMERAS, viewpoint
+from highfive.hil.sim.viewpoint import BETWEEN, CAMERAS, HANDS, NEAR, viewpoint
 from highfive.model.errors import HighFiveError
 
 
@@ -32,6 +32,7 @@ def placed(scene: Scene, text: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 @given(st.floats(-360.0, 360.0), st.floats(-60.0, 5.0), st.floats(0.5, 8.0))
+@pytest.mark.slow
 def test_it_stands_where_mujocos_free_camera_does(
     scene: Scene, azimuth: float, elevation: float, distance: float
 ) -> None:
@@ -43,6 +44,19 @@ def test_it_stands_where_mujocos_free_camera_does(
     np.testing.assert_allclose(place, np.mean([eye.pos for eye in drawn.camera], axis=0), atol=1e-5)
     np.testing.assert_allclose(-axes[:, 2], drawn.camera[0].forward, atol=1e-6)
     np.testing.assert_allclose(axes[:, 1], drawn.camera[0].up, atol=1e-6)
+
+
+@pytest.mark.parametrize("text", ["front", "60,-15,2.5"])
+def test_the_close_camera_looks_at_the_hands_in_the_same_direction(text: str) -> None:
+    scene = build_scene(visible=True)
+    viewpoint(text).apply(scene.model)
+    data, model = scene.make_data(), scene.model
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_camlight(model, data)
+    wide, close = model.camera("wide").id, model.camera("close").id
+    np.testing.assert_allclose(data.cam_xmat[close], data.cam_xmat[wide], atol=1e-9)
+    right, up, back = (data.cam_xmat[close].reshape(3, 3).T @ (HANDS - data.cam_xpos[close])).tolist()
+    assert abs(right) < 1e-9 and abs(up) < 1e-9 and back == pytest.approx(-NEAR)
 
 
 @pytest.mark.parametrize("name", CAMERAS)

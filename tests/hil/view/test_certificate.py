@@ -54,6 +54,7 @@ def test_it_is_kept_in_the_users_own_folder(tmp_path: Path, monkeypatch: pytest.
     assert certificate_folder() == tmp_path / "highfive"
 
 
+@pytest.mark.slow
 def test_the_page_is_served_over_tls_and_not_without(tmp_path: Path) -> None:
     files = certificate((), tmp_path)
     trusting = ssl.create_default_context(cafile=str(files[0]))

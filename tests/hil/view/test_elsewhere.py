@@ -28,6 +28,7 @@ def test_who_is_on_this_machine(peer: tuple | None, own: tuple, here: bool) -> N
 
 
 @pytest.mark.skipif(network_address() is None, reason="this machine has no address of its own")
+@pytest.mark.slow
 def test_only_pages_of_this_machine_are_told_where_the_report_is() -> None:
     address = str(network_address())
     with LivePage({"mode": "session"}, port=0, host="0.0.0.0", names=(address,)) as page, ExitStack() as stack:

@@ -83,6 +83,7 @@ def test_a_participant_reads_answers_and_rates_and_keys_that_are_pressed_count_b
     assert before - off <= 1e6 * value["at_ms"] <= after + off
 
 
+@pytest.mark.slow
 def test_a_participant_is_not_told_what_is_shown_and_cannot_lead_the_run(page: LivePage) -> None:
     heard = """(() => {
       const { listeners } = highfive.connection, told = listeners.text;
@@ -104,6 +105,7 @@ def test_a_participant_is_not_told_what_is_shown_and_cannot_lead_the_run(page: L
     assert told == [] and came == [("ready", None)]
 
 
+@pytest.mark.slow
 def test_the_experimenter_sees_plan_and_progress_and_leads(page: LivePage) -> None:
     with Browser((1200, 760)) as browser:
         open_as(page, browser, "")
@@ -123,6 +125,7 @@ def test_the_experimenter_sees_plan_and_progress_and_leads(page: LivePage) -> No
     assert came[1][1] == "coughed"
 
 
+@pytest.mark.slow
 def test_a_run_that_ends_early_asks_a_participant_nothing_more(page: LivePage) -> None:
     with Browser((1000, 700)) as browser:
         open_as(page, browser, "participant")

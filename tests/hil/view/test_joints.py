@@ -49,6 +49,7 @@ def come(page: LivePage) -> list[int]:
     return [decode_headset(one).number for one in page.tracked.take()]
 
 
+@pytest.mark.slow
 def test_one_headset_at_a_time_and_the_next_one_after_it_has_left(page: LivePage) -> None:
     with look_on(page) as second:
         with look_on(page) as first:
@@ -69,6 +70,7 @@ def test_one_headset_at_a_time_and_the_next_one_after_it_has_left(page: LivePage
         assert taken == [number] and time.monotonic() >= left + 1e-9 * HELD_BACK_NS
 
 
+@pytest.mark.slow
 def test_what_is_no_message_of_a_headset_does_not_reach_the_host(page: LivePage) -> None:
     with look_on(page) as link:
         for other in (b"", message(1)[:-1], message(1) + b"\0", b"\x01" + message(1)[1:]):

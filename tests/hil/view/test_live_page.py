@@ -105,6 +105,7 @@ def request_targets(key: str) -> Iterator[bytes]:
         yield b"/?key=" + rng.bytes(8)
 
 
+@pytest.mark.slow
 def test_no_request_line_brings_the_server_into_trouble(capfd: pytest.CaptureFixture[str]) -> None:
     with LivePage(ABOUT, port=0) as page:  # of this test's own: what it prints is caught
         parts = urlsplit(page.address)

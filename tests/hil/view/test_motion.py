@@ -153,6 +153,7 @@ def test_markers_go_with_the_hand_and_one_that_is_hidden_stays_where_it_is(brows
 
 
 @pytest.mark.parametrize("fine", [True, False])
+@pytest.mark.slow
 def test_a_recording_is_drawn_where_it_is(
     browser: Browser, scene: Scene, high_fives: list[Motions], fine: bool
 ) -> None:

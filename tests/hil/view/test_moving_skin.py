@@ -38,6 +38,7 @@ def bodies():
     return recorded_trials(SHIPPED_RECORDING, seen())[TRIAL].bodies
 
 
+@pytest.mark.slow
 def test_each_bone_has_its_body_in_every_tick():
     glb = Glb(data())
     (animation,) = glb.document["animations"]

@@ -78,6 +78,7 @@ def live(page: LivePage) -> ClientConnection:
     return connect(page.address.replace("http", "ws", 1).replace("/?", "/live?"), compression=None, max_queue=None)
 
 
+@pytest.mark.slow
 def test_ten_thousand_mutated_messages_are_dropped_and_nobody_else_notices(
     page: LivePage, capfd: pytest.CaptureFixture[str]
 ) -> None:

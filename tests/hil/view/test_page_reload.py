@@ -66,6 +66,7 @@ def looks_on(page: LivePage) -> Iterator[ClientConnection]:
         (RuntimeError("of the inside"), "It ended early."),
     ],
 )
+@pytest.mark.slow
 def test_who_looks_on_is_told_that_it_ended_early(error: BaseException, line: str) -> None:
     with ExitStack() as stack:
         with pytest.raises(type(error)), LivePage({"mode": "session"}, port=0) as page:

@@ -30,6 +30,7 @@ def shipped() -> RecordedTrials:
     return recorded_trials(SHIPPED_RECORDING, build_scene())
 
 
+@pytest.mark.slow
 def test_the_shipped_recording_is_small_and_has_every_emotion() -> None:
     assert SHIPPED_RECORDING.stat().st_size < 1_000_000
     assert sorted(trial.style for trial in shipped()) == ["angry", "happy", "neutral", "sad"]

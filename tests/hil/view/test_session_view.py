@@ -44,6 +44,7 @@ def test_a_session_whose_server_is_ended_while_it_is_paused_goes_on_and_says_so(
         assert not view.corrects  # what was asked before is done
 
 
+@pytest.mark.slow
 def test_a_session_that_ends_before_it_is_through_says_why_on_the_page() -> None:
     scene = build_scene()
     marker_set = simulated_partners(1, ("happy",), ("B2",), 0)[0].marker_set

@@ -107,6 +107,7 @@ def test_compiled_code_may_run_there_and_nothing_more(page: LivePage) -> None:
 
 @pytest.mark.skipif(browser_here() is None, reason="no Chromium here")
 @pytest.mark.parametrize("hand", ["left", "right"])
+@pytest.mark.slow
 def test_the_whole_picture_is_turned_round_for_a_left_hand(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, forget_package: None, hand: str
 ) -> None:
@@ -142,6 +143,7 @@ def test_landmarks_of_one_page_reach_the_source_and_no_others(page: LivePage) ->
         source.close()
 
 
+@pytest.mark.slow
 def test_what_is_shown_says_whether_the_person_comes_through_that_page(page: LivePage) -> None:
     def shows(link: ClientConnection, number: int) -> None:
         link.send(json.dumps({"kind": "shown", "bound_ms": number, "pictures": [[number, 1.0, 2.0, 0]]}))
@@ -157,6 +159,7 @@ def test_what_is_shown_says_whether_the_person_comes_through_that_page(page: Liv
     assert {one.shown.frame: one.tracks for one in told} == {1: True, 2: False}
 
 
+@pytest.mark.slow
 def test_a_page_without_a_webcam_gives_no_camera() -> None:
     with LivePage({"mode": "session"}, port=0) as plain, live(plain) as link:
         link.send(json.dumps({"kind": "camera"}))

@@ -116,6 +116,7 @@ def test_a_camera_that_the_browser_refuses_is_called_so(page: LivePage) -> None:
         assert "The camera was refused" in refusing.evaluate(STARTED)
 
 
+@pytest.mark.slow
 def test_a_browser_that_lacks_things_says_which_and_the_rest_works(page: LivePage) -> None:
     with Browser((800, 450), ["--disable-3d-apis"]) as plain:
         plain.go(page.address)

@@ -60,6 +60,7 @@ def test_a_system_that_counts_anew_goes_on_at_the_time_of_arrival(tmp_path: Path
     [{"late": 1 / 30}, {"wander_s": 0.003}, {"late": 1 / 30, "wander_s": 0.003}, {"late": 1 / 30, "lost": 0.01}],
     ids=["late bursts", "drift", "both", "late bursts and losses"],
 )
+@pytest.mark.slow
 def test_frames_that_are_stamped_and_not_counted_are_as_many_as_were_due(
     tmp_path: Path, nominal_hz: float, true_hz: float, case: dict[str, float]
 ) -> None:

@@ -233,6 +233,7 @@ def test_a_reader_that_is_slow_gets_the_newest(server):
                 server.send(frame)
                 time.sleep(0.005)
             until(lambda last=last: source.health(0).received > last)
+            until(lambda last=last: source.newest(0).number >= last)  # it is counted just before it is shown
             assert source.newest(0).number == last
         assert source.health(0).lost == 0
 

@@ -73,6 +73,7 @@ def tracked(marker_set: MarkerSet, seed: int) -> Tracked:
 
 
 @pytest.mark.parametrize("name", [*SETS[:-1], pytest.param(SETS[-1], marks=pytest.mark.slow)])
+@pytest.mark.slow
 def test_flexion_agrees_with_the_bend_and_all_angles_with_the_truth_within_their_deviations(name):
     found = [tracked(load_marker_set(name), seed) for seed in range(SEEDS)]
     for each in found:

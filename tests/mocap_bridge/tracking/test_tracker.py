@@ -268,6 +268,7 @@ def palm_jump(points, valid=None, unlabelled=None, frames=slice(20, 60)):
     return np.linalg.norm(np.diff(away, axis=0), axis=1).max(), np.linalg.norm(away, axis=1).max()
 
 
+@pytest.mark.slow
 def test_no_swap_of_two_labels_moves_the_palm():
     for swap in itertools.combinations(range(16), 2):
         points = NOISY.copy()

@@ -95,6 +95,7 @@ def test_a_sender_held_up_for_longer_than_one_waits_has_lost_nothing() -> None:
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.2, 0.36])
+@pytest.mark.slow
 def test_samples_that_are_all_stamped_late_are_not_lost(noise: float) -> None:
     for seed in range(5):
         assert found(send(seed, 120.0, 60.0, noise_s=noise / 120.0), 120.0)[0].sum() == 0

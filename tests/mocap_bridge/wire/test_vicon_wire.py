@@ -335,6 +335,7 @@ def test_very_many_mutated_messages_give_values_or_our_own_error_in_bounded_memo
     decode_mutated(100_000, seed=4)
 
 
+@pytest.mark.slow
 def test_the_longest_message_takes_bounded_work():
     names = words(wire.MOST_BLOCKS) + bytes(8 * wire.MOST_BLOCKS)
     subject = block(2, words(1) + words(0) + words(0) + names)

@@ -63,6 +63,7 @@ def test_the_arm_goes_where_it_is_led(arm: str) -> None:
     assert measured[-1] == pytest.approx(wave[-1], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_goal_that_is_far_is_reached_at_the_envelopes_pace() -> None:
     stopped, answers = led([{"goal": {"waist": 1.0}}, *[{}] * 60, {"end": True}])
     waist = np.array([answer["positions"]["waist"] for answer in answers])
@@ -70,6 +71,7 @@ def test_a_goal_that_is_far_is_reached_at_the_envelopes_pace() -> None:
     assert np.diff(waist).max() * 30 < 3.2  # rad/s
 
 
+@pytest.mark.slow
 def test_a_line_that_is_not_understood_is_answered_and_moves_nothing() -> None:
     wrong = [
         "waist 0.1", "[]", "3", "null", '{"goal": 3}', '{"gaol": {"waist": 1}}', '{"goal": {"waist": NaN}}',
@@ -111,6 +113,7 @@ def test_a_stopped_arm_says_nothing_more() -> None:
         assert [list(one) for one in said].count(["stopped"]) == 1 and said[-1] == {"stopped": "it was stopped"}
 
 
+@pytest.mark.slow
 def test_whoever_reads_nothing_any_more_stops_the_arm() -> None:
     """An answer that is not taken holds the thread that answers, and neither the arm nor the end."""
     with VirtualClock() as clock, ExitStack() as stack:

@@ -64,6 +64,7 @@ def until_asked(link: ClientConnection) -> Iterator[dict[str, object] | PoseMess
             yield text
 
 
+@pytest.mark.slow
 def test_the_page_has_people_as_recorded_and_the_arm_as_it_is(recorded: Path) -> None:
     session = read_session(recorded)
     trials, goals = RecordedTrials(session, build_scene()), RecordedHighFives(session)
@@ -144,6 +145,7 @@ def test_what_is_played_is_in_the_file_as_it_comes(recorded: Path, tmp_path: Pat
     assert np.diff(times).max() > 0.9e9  # a second between the two
 
 
+@pytest.mark.slow
 def test_a_stop_lets_nobody_wait_in_a_pause(recorded: Path) -> None:
     trials, about = RecordedTrials(read_session(recorded), build_scene()), {"mode": "played", "title": ""}
     with (

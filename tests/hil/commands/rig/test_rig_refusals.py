@@ -61,6 +61,7 @@ def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     return " ".join(error.split())
 
 
+@pytest.mark.slow
 def test_what_cannot_be_played_is_one_line_and_nothing_moves(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recorded: Path, tmp_path: Path
 ) -> None:
@@ -118,6 +119,7 @@ def torques(emulator: EmulatorProcess) -> set[int]:
     return found
 
 
+@pytest.mark.slow
 def test_a_real_port_is_refused_where_nobody_knows_who_is_beside_the_arm(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], recorded: Path, tmp_path: Path
 ) -> None:
@@ -145,6 +147,7 @@ def test_a_real_port_is_refused_where_nobody_knows_who_is_beside_the_arm(
 
 
 @pytest.mark.parametrize("share", np.linspace(0.02, 0.98, 13))
+@pytest.mark.slow
 def test_a_recording_that_was_cut_short_has_its_first_high_five_or_is_one_line(
     share: float, recorded: Path, tmp_path: Path
 ) -> None:
@@ -206,6 +209,7 @@ def rewritten(path: Path, out: Path, topic: str, change: Callable[[dict[str, Any
         ("/session", {"joints": ...}, "/session holds no settings and joints"),
     ],
 )
+@pytest.mark.slow
 def test_a_recording_whose_values_cannot_be_is_refused_in_one_line_before_the_port_is_opened(
     topic: str, change: dict[str, Any] | None, said: str,
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], met: Path, tmp_path: Path,

@@ -252,6 +252,7 @@ def test_ctrl_z_at_a_terminal_stops_the_arm_and_suspends_nobody(recorded: Path, 
     assert (out / "report.html").is_file() and read_recording(out / "arm.mcap").complete
 
 
+@pytest.mark.slow
 def test_a_computer_that_is_too_busy_is_reported_with_what_helps(recorded: Path) -> None:
     """The program gets no processor for a moment, as where others take it; the arm's driver goes on."""
     reference = RecordedHighFives(read_session(recorded))[0]

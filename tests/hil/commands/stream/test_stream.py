@@ -149,6 +149,7 @@ def test_frames_that_were_refused_neither_raise_nor_lower_the_rate(lab: Path, cl
     assert said["lost_frames"] == 0 and "unit" in said["trouble"]
 
 
+@pytest.mark.slow
 def test_what_is_recorded_is_whole_after_ctrl_c_and_after_a_kill(vicon: str, tmp_path: Path) -> None:
     take = tmp_path / "take.c3d"
     raw = tmp_path / "take.c3d.part"
@@ -190,6 +191,7 @@ def test_a_file_is_shown_until_its_end(
     assert said["markers"]["RFIN"] == 1.0
 
 
+@pytest.mark.slow
 def test_where_no_frame_comes_one_line_says_why(vicon: str) -> None:
     """Nothing there; a server that accepts and says nothing; another protocol."""
     with socket.create_server(("127.0.0.1", 0)) as silent, socket.create_server(("127.0.0.1", 0)) as gone:
@@ -255,6 +257,7 @@ def test_markers_are_counted_in_the_last_second_and_altogether() -> None:
 
 
 @pytest.mark.parametrize(("width", "height"), [(100, 30), (60, 12), (200, 50)])
+@pytest.mark.slow
 def test_the_screen_fits_and_shows_the_worst_markers(width: int, height: int) -> None:
     arm = ArmView(1.0, 0.5, np.array([0.5, 0.1, 1.2]), True, ("M1", "M2"))
     health = SourceHealth(Connection.STALLED, 1_200_000_000, 240, 7, "nothing [came]")

@@ -144,6 +144,7 @@ def test_it_goes_where_it_is_commanded(servos: VirtualServos, arm: VirtualArm) -
 
 
 @pytest.mark.parametrize("phase", [-0.4, -0.12, 0.0, 0.25, 0.5])
+@pytest.mark.slow
 def test_each_command_goes_out_once_whatever_the_phase_of_the_hosts_clock(
     servos: VirtualServos, arm: VirtualArm, phase: float
 ) -> None:

@@ -49,6 +49,7 @@ def _wrist() -> int:
     return avatar_skeleton().index("right_wrist")
 
 
+@pytest.mark.slow
 def test_analysis_has_timing_of_conditions_and_columns_of_trials_bit_for_bit(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -43,6 +43,7 @@ def dataset(made: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_events_are_at_the_times_of_the_log_and_rows_are_those_of_the_study(dataset: Path) -> None:
     for code in ("P01", "P02"):
         for number, trial in enumerate(shipped_trials(), 1):

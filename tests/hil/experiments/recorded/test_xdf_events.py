@@ -59,6 +59,7 @@ def file_of(path: Path, rows: list[TrialRow], late_s: float = 0.0, event: str = 
 
 
 @pytest.mark.parametrize("event", ["contact", "tapped"])
+@pytest.mark.slow
 def test_each_event_has_its_time_there_within_two_milliseconds(
     made: tuple[Path, list[TrialRow]], tmp_path: Path, event: str
 ) -> None:

@@ -24,6 +24,7 @@ def trials() -> dict[str, PairTrial]:
 
 
 @pytest.mark.parametrize("cell", ["A1", "A3", "B2", "C1", "C3"])
+@pytest.mark.slow
 def test_palms_meet_at_the_cell(cell: str) -> None:
     trial = simulate_pair("neutral", cell, 0, np.random.default_rng(11))
     (ours, normal, _), (theirs, facing, _) = palms(trial)

@@ -53,6 +53,7 @@ def test_a_trial_is_the_same_bytes_whatever_else_is_captured(captured: Path, tmp
     assert (tmp_path / "again.c3d").read_bytes() == (captured / "angry_B2_1.c3d").read_bytes()
 
 
+@pytest.mark.slow
 def test_another_seed_or_repetition_is_another_trial(trial: PairTrial) -> None:
     for seed, repetition in ((SEED + 1, 0), (SEED, 1)):
         other = simulate_pair("angry", "B2", repetition, trial_seed(seed, "angry", "B2", repetition))

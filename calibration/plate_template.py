@@ -58,6 +58,22 @@ class PlateTemplate:
         return self.places + self.centre
 
 
+def template_text(template: PlateTemplate) -> str:
+    """Its file."""
+    markers = [f"{name} = {at.tolist()}" for name, at in zip(template.names, template.places, strict=True)]
+    return "\n".join(
+        [
+            "[plate]",
+            f"centre_m = {template.centre.tolist()} # middle of the surface, from the last joint",
+            f"normal = {template.normal.tolist()}",
+            "",
+            "[markers] # from the middle of the surface, m",
+            *markers,
+            "",
+        ]
+    )
+
+
 def load_template(path: Path, settings: TemplateSettings = TEMPLATE) -> PlateTemplate:
     """Reads a plate's template.
 

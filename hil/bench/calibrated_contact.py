@@ -20,12 +20,15 @@ from scipy.interpolate import CubicSpline
 
 from highfive.calibration.arm_file import ArmCalibration, CalibratedJoint, load_arm, save_arm
 from highfive.calibration.placement import Placement
+from highfive.calibration.plate_template import template_text
 from highfive.calibration.registration import Registration
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
 from highfive.hil.arm.contact_outcome import ContactOutcome, judged, notice, reference_in
 from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.fingerprint import fingerprint
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
+from highfive.hil.arm.hidden_rig import CameraFaults, PlateCamera, hidden_bus
 from highfive.hil.arm.lifecycle import session_planner, virtual_arm
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.arm.plate_watch import PlateWatch
@@ -33,9 +36,8 @@ from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.frame_link import FrameLink, SentFrames
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
-from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
 from highfive.hil.bench.live_people import System, frames_of, parts, people
+from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_extrinsics import ExtrinsicsOptions, checked_extrinsics, fitted, measured
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
@@ -105,9 +107,7 @@ class PlateBox:
 def calibrated_at_the_wire(truth: HiddenTruth, folder: Path, bar: Bar, poses: int = 30) -> Path:
     """The file that ``highfive calibrate extrinsics`` writes of a hidden arm, with noise, gaps and swapped labels."""
     plate, arm = folder / "plate.toml", ArmOptions(VIRTUAL, slow=True)
-    lines = ["[plate]", f"centre_m = {TEMPLATE.centre.tolist()}", f"normal = {TEMPLATE.normal.tolist()}", "[markers]"]
-    lines += [f"{name} = {at.tolist()}" for name, at in zip(TEMPLATE.names, TEMPLATE.places, strict=True)]
-    plate.write_text("\n".join(lines))
+    plate.write_text(template_text(TEMPLATE))
     run = checked_extrinsics(ExtrinsicsOptions(arm, ADDRESS, plate, poses, out=folder / "calibrated.toml"))
     with VirtualClock(truth.seed) as clock:
         bus, plant = hidden_bus(truth, load_rig())

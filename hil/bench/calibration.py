@@ -24,10 +24,10 @@ from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.rigid_fit import rigid_fit
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.free_postures import free_postures
+from highfive.hil.arm.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth, drawn_truth
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm, solve
 from highfive.hil.bench.calibrated_contact import bench_calibrated_contact
-from highfive.hil.bench.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth, drawn_truth
 from highfive.hil.bench.lag_error import lag_errors
 from highfive.hil.runtime.console import STDOUT, Bar
 from highfive.hil.sim.people.grid import GRID_Y, GRID_Z

@@ -13,12 +13,12 @@ from highfive.calibration.arm_file import DIGEST, ArmCalibration, CalibratedJoin
 from highfive.calibration.headset_file import load_headset
 from highfive.calibration.latency_file import load_latencies
 from highfive.calibration.placement_file import load_placement
-from highfive.calibration.plate_template import load_template
+from highfive.calibration.plate_template import load_template, template_text
 from highfive.calibration.registration import Registration
+from highfive.hil.arm.hidden_arm import TEMPLATE
 from highfive.hil.arm_model.arm_folder import ARMS, find_arm
 from highfive.hil.bench.fuzz_mutations import damaged_toml
 from highfive.hil.bench.fuzz_reader import Seed, of_file
-from highfive.hil.bench.hidden_arm import TEMPLATE
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.experiments.analysis.questionnaire import read_questionnaire
 from highfive.hil.experiments.exclusion import read_rules
@@ -71,7 +71,7 @@ def toml_seeds() -> list[Seed]:
         ("place.toml", _PLACEMENT, lambda path: load_placement(path, "vicon")),
         ("latencies.toml", _LATENCIES, load_latencies),
         ("headset.toml", _HEADSET, lambda path: load_headset(path, "vicon", "upper_limb")),
-        ("plate.toml", _plate(), load_template),
+        ("plate.toml", template_text(TEMPLATE), load_template),
         ("rules.toml", _RULES, read_rules),
         ("asked.toml", _QUESTIONNAIRE, read_questionnaire),
         ("observer.toml", _OBSERVER, read_observer),
@@ -86,13 +86,6 @@ def toml_seeds() -> list[Seed]:
     ]
     named += [(path.name, path.read_text(encoding="utf-8"), read_protocol) for path in sorted(TEMPLATES.glob("*.toml"))]
     return [Seed(text.encode(), of_file(name, read), damaged_toml) for name, text, read in named]
-
-
-def _plate() -> str:
-    markers = "\n".join(f"{n} = {p.tolist()}" for n, p in zip(TEMPLATE.names, TEMPLATE.places, strict=True))
-    return (
-        f"[plate]\ncentre_m = {TEMPLATE.centre.tolist()}\nnormal = {TEMPLATE.normal.tolist()}\n[markers]\n{markers}\n"
-    )
 
 
 def _load_signed(path: Path) -> ArmCalibration:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.sim.arm_plant import ArmPlant

@@ -22,6 +22,7 @@ from highfive.hil.cli.options import (
     WhichArm,
 )
 from highfive.hil.runtime.console import STDERR, print_result, progress_bars, say, say_aside
+from highfive.model.errors import HighFiveError
 
 RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help="The arm (default: ours).")]
 ThatArm = Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")]
@@ -78,13 +79,28 @@ def emulate(
     seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
     unpaced: Annotated[bool, typer.Option("--unpaced", help="Bytes take no time.")] = False,
     seed: Seed = 0,
+    plate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="Rehearse a calibration: the arm differs from its drawing, as the seed says; a motion capture system "
+            "(Vicon's protocol) sees its plate, whose template is written here.",
+        ),
+    ] = None,
+    mocap_port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port of that system (default: any that is free).")
+    ] = 0,
+    overwrite: OverwriteFile = False,
     arm: ArmName = DEFAULT_NAME,
     json: Json = False,
 ) -> None:
     """Serve an emulated arm on a pseudo-terminal until Ctrl-C (docs/rig.md). Nothing real moves."""
+    if plate is None and (mocap_port or overwrite):
+        raise HighFiveError("--mocap-port and --overwrite go with --plate: a calibration is rehearsed")
     if STDERR.is_terminal:  # what follows takes seconds, and until then there is no port
         say_aside("starting…")
     from highfive.hil.commands.rig.emulate import EmulatorOptions, emulate, print_emulated  # noqa: PLC0415
+    from highfive.hil.commands.rig.rehearsal import RehearsalOptions  # noqa: PLC0415
 
     options = EmulatorOptions(
         rig=str(file) if file else None,
@@ -95,7 +111,8 @@ def emulate(
         baud_rate=baud,
         seed=seed,
     )
-    result = emulate(options, seconds, say_aside if json else say, arm)
+    rehearsal = None if plate is None else RehearsalOptions(plate, mocap_port, overwrite)
+    result = emulate(options, seconds, say_aside if json else say, arm, rehearsal)
     print_result(result, json, print_emulated)
 
 

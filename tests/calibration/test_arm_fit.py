@@ -22,8 +22,8 @@ from highfive.calibration.arm_plate import check_loose, held_out, plate_of_fit
 from highfive.calibration.arm_poses import ArmPoses
 from highfive.calibration.pose_choice import choose_poses
 from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenArm, drawn_truth
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenArm, drawn_truth
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array

@@ -6,8 +6,8 @@ from hidden_poses import postures
 
 from highfive.calibration.joint_directions import reversed_joints, turned_by
 from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenArm, drawn_truth
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenArm, drawn_truth
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array

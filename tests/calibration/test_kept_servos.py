@@ -12,8 +12,8 @@ from highfive.calibration.arm_file import ArmCalibration
 from highfive.calibration.arm_fit import fit_arm
 from highfive.calibration.kept_servos import LAGS, SEEN, SERVOS, KeptServos, kept_servos, with_servos, without_play
 from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.hidden_arm import TEMPLATE, drawn_truth
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE, drawn_truth
 
 ARM = "0123456789ab"
 NOW = DATE + timedelta(days=20)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from highfive.calibration.plate_template import load_template, swapped_markers
-from highfive.hil.bench.hidden_arm import TEMPLATE
+from highfive.hil.arm.hidden_arm import TEMPLATE
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry import rotations
 

@@ -16,8 +16,8 @@ from highfive.calibration.arm_result import Source, calibration_of
 from highfive.calibration.pose_check import BASE, POSE_CHECK, check_poses
 from highfive.calibration.pose_choice import choose_poses
 from highfive.hil.arm.drawn_shape import drawn_shape
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
 
 SHAPE = drawn_shape(default_arm(), TEMPLATE.markers)
 FREE = postures(60)

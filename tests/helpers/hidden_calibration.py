@@ -14,8 +14,8 @@ from highfive.calibration.pose_choice import choose_poses
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import free_postures
+from highfive.hil.arm.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth
 from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm
-from highfive.hil.bench.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth
 from highfive.hil.drivers.bus.rig import load_rig
 
 UP = np.array([0.0, 0.0, 1.0])

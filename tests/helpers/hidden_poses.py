@@ -4,8 +4,8 @@ import numpy as np
 
 from highfive.calibration.arm_poses import ArmPoses
 from highfive.hil.arm.free_postures import PostureSettings, free_postures
+from highfive.hil.arm.hidden_arm import HiddenArm, HiddenTruth
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import HiddenArm, HiddenTruth
 from highfive.model.geometry.rotations import Array
 
 UP = np.array([0.0, 0.0, 1.0])

@@ -16,6 +16,7 @@ from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import known_arm, known_limits, known_rig, trusted_calibration
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.fingerprint import fingerprint
+from highfive.hil.arm.hidden_arm import TEMPLATE
 from highfive.hil.arm.lifecycle import emulator_options, session_planner
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm.rig_planner import planner
@@ -23,7 +24,6 @@ from highfive.hil.arm.simulated_driver import mounted_arm
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.mount import Mount
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE
 from highfive.hil.drivers.bus.rig import DEFAULT_RIG, angle, count, load_rig, required_registers
 from highfive.hil.drivers.emulator.emulated_servo import EmulatedServo
 from highfive.hil.drivers.emulator.emulator_process import make_bus

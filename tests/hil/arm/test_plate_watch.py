@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from highfive.hil.arm.hidden_arm import TEMPLATE
 from highfive.hil.arm.plate_watch import PlateWatch, StillMoves
-from highfive.hil.bench.hidden_arm import TEMPLATE
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.errors import HighFiveError

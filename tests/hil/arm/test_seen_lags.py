@@ -15,6 +15,8 @@ from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import known_arm
 from highfive.hil.arm.driven_arm import virtual_driven_arm
+from highfive.hil.arm.hidden_arm import drawn_truth
+from highfive.hil.arm.hidden_rig import hidden_bus
 from highfive.hil.arm.mocap_lags import MocapDelay, angles_seen, together
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
@@ -23,9 +25,8 @@ from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm.wand_lag import follow_wand
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
-from highfive.hil.bench.hidden_arm import drawn_truth
-from highfive.hil.bench.hidden_rig import camera_wiring, hidden_bus
 from highfive.hil.bench.late_camera import WAND, LateCamera
+from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_latency import LatencyOptions, calibrate_latency, plate_seen, seen_lags
 from highfive.hil.commands.live_session import late_by
 from highfive.hil.commands.simulate_options import SimulateOptions

@@ -16,13 +16,13 @@ from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.free_postures import check_way
+from highfive.hil.arm.hidden_arm import drawn_truth
 from highfive.hil.arm.lifecycle import session_planner
 from highfive.hil.arm.planner import LAG_BY_DATA, LAG_MEASURED
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm.rig_planner import retarget_settings, sags
 from highfive.hil.arm.servo_lags import lead_along, servo_lags
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import drawn_truth
 from highfive.hil.bench.perturbed_arm import drawn_perturbation, perturbed_bus
 from highfive.hil.commands.calibrate_latency import LatencyOptions, calibrate_latency
 from highfive.hil.drivers.bus.rig import load_rig

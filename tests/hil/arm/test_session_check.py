@@ -13,12 +13,13 @@ from highfive.calibration.pose_check import POSE_CHECK, PoseCheck
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.calibrated import known_arm
 from highfive.hil.arm.driven_arm import virtual_driven_arm
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
+from highfive.hil.arm.hidden_rig import CameraFaults, PlateCamera, hidden_bus
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.session_check import five_poses, plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
-from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
+from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.session_check import check_before_session
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig

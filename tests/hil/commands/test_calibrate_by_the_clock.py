@@ -5,41 +5,38 @@ What computes between two ticks stops an arm that is not told of its place: in v
 
 import json
 import shutil
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from highfive.calibration.arm_file import load_arm
+from highfive.hil.arm.hidden_arm import drawn_truth
 from highfive.hil.arm_model.arm_folder import find_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE
 from highfive.hil.drivers.bus.rig import DEFAULT_RIG
 from highfive.hil.safety.limits_file import FILE
 
 SEED = 41
 HIGHFIVE = [sys.executable, "-m", "highfive.hil.cli.main"]
-ROOM = Path(__file__).parents[2] / "helpers" / "arm_in_a_room.py"
-
-
-def free_port() -> int:
-    with socket.socket() as sock:
-        sock.bind(("127.0.0.1", 0))
-        return sock.getsockname()[1]
 
 
 @pytest.fixture
 def room(tmp_path: Path) -> Iterator[tuple[str, str]]:
-    """Port of the arm, and address of the cameras."""
-    link, port = tmp_path / "arm", free_port()
+    """Port of the arm, and address of the motion capture that sees its plate, of which ``plate.toml`` says more."""
+    link = tmp_path / "arm"
+    told = ["--port-link", str(link), "--plate", "plate.toml", "--seed", str(SEED)]
     with subprocess.Popen(
-        [sys.executable, str(ROOM), str(link), str(port), str(SEED)], stdout=subprocess.PIPE, text=True
-    ) as lab:
-        assert lab.stdout is not None and lab.stdout.readline() == "ready\n"
-        yield str(link), f"vicon://127.0.0.1:{port}"
+        [*HIGHFIVE, "rig", "emulate", *told],
+        cwd=tmp_path, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, text=True,
+    ) as lab:  # fmt: skip
+        assert lab.stdout is not None
+        line = next(line for line in lab.stdout if "calibrate extrinsics" in line)
+        yield str(link), line.split("--source ")[1].split()[0]
         lab.terminate()
+        assert f"zeros, °: waist {np.degrees(drawn_truth(SEED).zero[0]):+.2f}" in lab.stdout.read()
 
 
 @pytest.fixture
@@ -63,11 +60,8 @@ def patient_arm(tmp_path: Path) -> Path:
 def test_an_arm_at_a_port_is_calibrated_as_the_documentation_has_it(
     room: tuple[str, str], patient_arm: Path, tmp_path: Path
 ) -> None:
-    plate, (arm, cameras) = tmp_path / "plate.toml", room
-    lines = ["[plate]", f"centre_m = {TEMPLATE.centre.tolist()}", f"normal = {TEMPLATE.normal.tolist()}", "[markers]"]
-    lines += [f"{name} = {at.tolist()}" for name, at in zip(TEMPLATE.names, TEMPLATE.places, strict=True)]
-    plate.write_text("\n".join(lines))
-    told = ["--source", cameras, "--arm", "--arm", str(patient_arm), "--json", "--plate", str(plate)]
+    arm, cameras = room
+    told = ["--source", cameras, "--arm", "--arm", str(patient_arm), "--json", "--plate", "plate.toml"]
     first = subprocess.run(
         [*HIGHFIVE, "calibrate", "extrinsics", arm, *told, "--poses", "10", "--out", "arm.toml"],
         cwd=tmp_path, capture_output=True, text=True, check=False,

@@ -12,16 +12,18 @@ from hidden_poses import postures, seen_poses
 from kept_arm import kept_arm
 
 from highfive.calibration.arm_file import load_arm, save_arm
+from highfive.calibration.plate_template import template_text
 from highfive.calibration.pose_file import TakenPose, load_poses
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.extrinsics import check_directions
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
+from highfive.hil.arm.hidden_rig import CameraFaults, PlateCamera, hidden_bus
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive, way_seconds
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
-from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
+from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_extrinsics import (
     Calibrated,
     ExtrinsicsOptions,
@@ -41,15 +43,7 @@ from highfive.model.errors import HighFiveError
 READY = default_arm().ready
 
 ARM = ArmOptions("virtual", slow=True)
-TEXT = "\n".join(
-    [
-        "[plate]",
-        f"centre_m = {TEMPLATE.centre.tolist()}",
-        f"normal = {TEMPLATE.normal.tolist()}",
-        "[markers]",
-        *(f"{name} = {at.tolist()}" for name, at in zip(TEMPLATE.names, TEMPLATE.places, strict=True)),
-    ]
-)
+TEXT = template_text(TEMPLATE)
 
 
 def wanted(folder: Path, poses: int = 6) -> Calibrated:

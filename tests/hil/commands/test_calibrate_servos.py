@@ -17,14 +17,15 @@ from highfive.calibration.pose_file import TakenPose, load_poses
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.fingerprint import fingerprint
+from highfive.hil.arm.hidden_arm import HiddenTruth, drawn_truth
+from highfive.hil.arm.hidden_rig import CameraFaults, PlateCamera, hidden_bus
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.servo_poses import SWEEP_SPEED
 from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.hidden_arm import HiddenTruth, drawn_truth
-from highfive.hil.bench.hidden_rig import CameraFaults, PlateCamera, camera_wiring, hidden_bus
+from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_servos import (
     KnownServos,
     Seen,

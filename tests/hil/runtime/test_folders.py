@@ -52,12 +52,13 @@ FILES = {
     "stream --record": ["stream", "vicon://127.0.0.1:9"],
     "bench contact --picture": ["bench", "contact", "--baseline", "absent.json"],
     "rig reach --picture": ["rig", "reach"],
+    "rig emulate --plate": ["rig", "emulate", "--faults", "dead"],
     "calibrate show --picture": ["calibrate", "show", "absent.toml"],
 }
 ENDINGS = {
     "train --out": ".safetensors", "calibrate subject --out": ".toml", "calibrate headset --out": ".toml",
     "calibrate extrinsics --out": ".toml", "calibrate latency --out": ".toml", "calibrate servos --out": ".toml",
-    "calibrate room --out": ".toml",
+    "calibrate room --out": ".toml", "rig emulate --plate": ".toml",
     "stream --record": ".c3d",
 }  # fmt: skip
 # Options and arguments that name what is read, not written. A new one has to be put into one of the tables.

@@ -3,6 +3,7 @@
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -52,3 +53,25 @@ def test_it_serves_until_it_is_ended(tmp_path: Path, how: signal.Signals) -> Non
 )
 def test_bad_input_is_one_line(fails, wrong: list[str]) -> None:
     fails(*wrong)
+
+
+def test_a_rehearsal_that_cannot_be_is_refused_before_anything_is_written(
+    fails, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for wrong, why in (
+        (["--mocap-port", "8801"], "--plate"),
+        (["--plate", "plate.toml", "--factory"], "without --factory"),
+        (["--plate", "plate.toml", "--arm", "wx250s"], "only of vx300s"),
+        (["--plate", "plate.json"], "is a TOML file"),
+    ):
+        assert why in fails(*wrong, "--seconds", "0.1")
+    assert not any(tmp_path.iterdir())
+    (tmp_path / "plate.toml").write_text("mine")
+    assert "is there already" in fails("--plate", "plate.toml", "--seconds", "0.1")
+    assert (tmp_path / "plate.toml").read_text() == "mine"
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        assert "port" in fails("--plate", "other.toml", "--mocap-port", str(taken.getsockname()[1]), "--seconds", "0.1")
+    assert not (tmp_path / "other.toml").exists()

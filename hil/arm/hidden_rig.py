@@ -12,18 +12,14 @@ from typing import Any
 
 import numpy as np
 
-from highfive.hil.bench.frame_link import FrameLink
-from highfive.hil.bench.hidden_arm import TEMPLATE, HiddenTruth
-from highfive.hil.bench.perturbed_arm import PerturbedServo
+from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus, Plant
+from highfive.hil.drivers.emulator.perturbed_servo import PerturbedServo
 from highfive.hil.drivers.emulator.servos_of_rig import build_servos
 from highfive.hil.runtime.clock import Clock
-from highfive.hil.runtime.virtual_clock import VirtualClock
-from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.sim.arm_plant import ArmPlant
-from highfive.hil.trials.live_wiring import LiveWiring
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.geometry.rotations import Array
 
@@ -156,8 +152,3 @@ class PlateCamera:
             own = own.copy()
             own[TEMPLATE.names.index(self._faults.loose)] += [0.0, 0.003, 0.004]
         return self._truth.in_mocap(pose.position + own @ axes.T)
-
-
-def camera_wiring(clock: VirtualClock, camera: PlateCamera) -> LiveWiring:
-    """Clock, tasks and wire of a live system that is this camera."""
-    return LiveWiring(clock, VirtualScheduler(clock), lambda _: lambda: FrameLink(clock, RATE_HZ, camera))

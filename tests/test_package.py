@@ -32,6 +32,7 @@ def test_all_distributions_have_one_version() -> None:
     ]
     assert len(set(versions)) == 1
     assert f"version: {versions[0]}" in (ROOT / "CITATION.cff").read_text()
+    assert f"version = {{{versions[0]}}}" in (ROOT / "docs" / "index.md").read_text()
 
 
 def wheel_of(folder: Path, tmp_path: Path) -> Path:

@@ -77,13 +77,13 @@ def rehearsed_arm(
     truth = drawn_truth(options.seed)
     server = ViconServer(port=wanted.port, rate_hz=RATE_HZ)
     try:
-        write_file(wanted.plate, template_text(TEMPLATE).encode(), replace=wanted.overwrite)
 
         def moves(plant: ArmPlant) -> SeenArm:
             return SeenArm(plant, PlateCamera(MACHINE, truth, plant, CameraFaults()), server)
 
         bus, _ = hidden_bus(truth, rig, moves)
         bus.set_faults(parse_faults(options.faults, bus.ids))
+        write_file(wanted.plate, template_text(TEMPLATE).encode(), replace=wanted.overwrite)
         yield bus, f"vicon://{LOOPBACK}:{server.port}", truth
     finally:
         server.close()

@@ -63,6 +63,7 @@ def test_a_rehearsal_that_cannot_be_is_refused_before_anything_is_written(
         (["--mocap-port", "8801"], "--plate"),
         (["--plate", "plate.toml", "--factory"], "without --factory"),
         (["--plate", "plate.toml", "--arm", "wx250s"], "only of vx300s"),
+        (["--plate", "plate.toml", "--faults", "dead"], "dead"),
         (["--plate", "plate.json"], "is a TOML file"),
     ):
         assert why in fails(*wrong, "--seconds", "0.1")

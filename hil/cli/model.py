@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -18,7 +19,7 @@ from highfive.hil.cli.options import (
     OverwriteFile,
     Seed,
 )
-from highfive.hil.runtime.console import print_json, print_result, progress_bars
+from highfive.hil.runtime.console import libraries_aside, print_json, print_result, progress_bars
 from highfive.model.errors import HighFiveError
 
 app = typer.Typer()
@@ -109,7 +110,7 @@ def train(
         process_id,
         memory,
     )
-    with progress_bars() as bar:
+    with progress_bars() as bar, libraries_aside() if hosts else nullcontext():
         try:
             result = train(options, bar)
         except KeyboardInterrupt:

@@ -158,7 +158,7 @@ def _over(runs: list[Scored], summary: Callable[[list[float]], Any]) -> Scored:
 def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     learn, test = windows.read_windows(path)
     chosen = windows.window_preset(preset)
-    unit = "m" if windows.is_person(test) else "rad²"
+    unit = "m" if windows.is_person(test) else f"{test.unit}²"
     most = windows.most_sequences(learn)
     counts = [n for n in sorted(set(options.learning_curve)) if n <= most] or [most]
     count = TrainingCount(bar, options.seeds * len(counts), say_aside)
@@ -194,7 +194,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
         left_out_in_turn(rows, options.leave_out)
     if model is not None and not options.locked and not any(row.test for row in rows):
         advice = "mark some with split test in trials.csv and train again, or leave the model out"
-        raise HighFiveError(f"{folder} has no held-out trial; {advice}")
+        raise HighFiveError(f"{folder} has no held-out trial with a contact; {advice}")
     pairs = load_trials(
         folder,
         options.human,

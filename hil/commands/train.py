@@ -84,6 +84,8 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         HighFiveError: the data cannot be read or learned from, the model's file is there already or cannot be written,
             or somebody else's file has the name of its checkpoint.
     """
+    if options.process is not None and not options.hosts:
+        raise HighFiveError(f"--process-id {options.process} says which of --hosts this is; give these, too")
     if options.hosts and options.start is not None:
         raise HighFiveError("--from takes seconds on one host; leave --hosts out")
     if options.hosts and (own := join_hosts(options.hosts, options.process)) > 0:
@@ -131,7 +133,7 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
     rms = _marker_rms(pairs)
     fall = fall_at_the_end(model.learning_curve.tolist())
     return {
-        "model": str(options.out),
+        "model": str(options.out) if host_number() == 0 else None,
         "preset": preset.name,
         "trials": len(pairs),
         "without_contact": sum(not gesture.test for gesture in gestures),
@@ -285,8 +287,9 @@ def summary(result: dict[str, Any]) -> list[str]:
     fall = f"it fell by {100.0 * result['fall_at_the_end']:.2f} % over the last tenth of {result['steps']} steps"
     more = f"--iterations {2 * result['steps']} lowers it further; evaluate says whether new trials gain"
     advice = "" if result["converged"] else f"; it has not settled: {more}"
+    where = result["model"] or "host 0 writes the model"
     lines = [
-        f"{result['model']}: {counted(result['trials'], 'trial')}, {result['points']} points, "
+        f"{where}: {counted(result['trials'], 'trial')}, {result['points']} points, "
         f"{result['seconds']:.0f} s; markers met to {result['marker_rms_mm_all']:.1f} mm (worst: {worst})",
         f"objective {result['objective']:.3f}; {fall}{advice}",
     ]

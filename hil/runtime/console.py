@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +18,20 @@ STDERR = Console(stderr=True, highlight=False)
 STDOUT = Console(highlight=False)
 FINISHED_SHOWN = 4
 """Finished bars that stay in view when another one opens."""
+
+
+@contextmanager
+def libraries_aside() -> Iterator[None]:
+    """What libraries print by themselves goes to standard error meanwhile, as Gloo's word of who is connected:
+    standard output is the result's."""
+    sys.stdout.flush()
+    kept = os.dup(1)
+    os.dup2(2, 1)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 1)
+        os.close(kept)
 
 
 class Advance(Protocol):

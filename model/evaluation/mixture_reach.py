@@ -84,7 +84,8 @@ class MixtureReach:
         self._axes: Array = axes[:SEEN].T / np.maximum(scale[:SEEN] / np.sqrt(len(features)), 1e-9)
         self._offset, self._scale = left[:, :3].mean(axis=0), float(left[:, :3].std())
         joint = np.concatenate([(features - self._centre) @ self._axes, (left[:, :3] - self._offset) / self._scale], 1)
-        fits = [_mixture(joint, count, seed) for count in COMPONENTS if 20 * count <= len(joint)]
+        counts = [count for count in COMPONENTS if 20 * count <= len(joint)] or [1]
+        fits = [_mixture(joint, count, seed) for count in counts]
         self._weights, self._means, self._covariances = min(fits, key=lambda fit: fit[0])[1]
 
     def __call__(self, trial: Trial, frame: int) -> Hypotheses:

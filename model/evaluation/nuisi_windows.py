@@ -1,9 +1,10 @@
 """Window files of interaction benchmarks: a person's arm over five frames in, the partner's next five frames out.
 
 A file holds, for ``train`` and ``test``, the arrays ``input`` (n, 90): five frames, oldest first, of three joints'
-positions and of their differences from the frame before; ``target`` (n, d); ``sequence_lengths`` and ``action``. This
-is the protocol of the NuiSI data set (Prasad et al. 2024). Nothing of the test part is used in training, and the
-action only to name the scores.
+positions and of their differences from the frame before; ``target`` (n, d); ``sequence_lengths`` and ``action``; for
+both parts ``input_unit`` and ``target_unit`` where these are not m, and m of a person or rad of a robot. This is the
+protocol of the NuiSI data set (Prasad et al. 2024). Nothing of the test part is used in training, and the action only
+to name the scores.
 """
 
 from __future__ import annotations
@@ -29,6 +30,8 @@ FRAMES, POINTS = 5, 9  # frames of a window; coordinates of the arm's three join
 RATE_HZ = 30.0  # nominal; what matters is that window follows window
 ARM_VARIANCE = 1e-8  # of the arm's coordinates: what a file gives is taken as it is
 ROBOT_ACTIONS = ("wave", "handshake", "rocket_fistbump", "parachute_fistbump")  # targets of 20: four joint angles
+LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # unit of a file → m
+TURNS = {"rad": 1.0, "deg": float(np.pi / 180.0)}  # → rad
 HUMAN_ACTIONS = ("clap_fist", "fist_bump", "handshake", "high_five", "rocket_fistbump", "wave")  # targets of 90: an arm
 
 
@@ -41,12 +44,14 @@ class Windows:
         target: (n, d) what the partner does in the next frames.
         sequence: (n,) index of the sequence, non-decreasing.
         action: (n,) index of the action.
+        unit: of the target: m or rad.
     """
 
     history: Array
     target: Array
     sequence: NDArray[np.int64]
     action: NDArray[np.int64]
+    unit: str = "rad"
 
 
 def read_windows(path: Path | str) -> tuple[Windows, Windows]:
@@ -86,19 +91,32 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
         raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
     if np.any(lengths % 1) or np.any(action % 1) or np.any(action < 0):
         raise HighFiveError(f"{path}: {name}_sequence_lengths and {name}_action must be whole numbers, from 0 on")
+    inputs = inputs * _unit(path, arrays, "input_unit", LENGTHS)
     _check_size(f"{path}: {name}_input", inputs, FURTHEST, "metres", "millimetres")
     frames = inputs.astype(float).reshape(count, FRAMES, 2, POINTS)
     before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
     history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
     sequences, counts = np.arange(len(lengths)), lengths.astype(np.int64)
-    windows = Windows(
-        history, target.astype(float), np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
-    )
-    largest = (FURTHEST, "metres", "millimetres") if is_person(windows) else (LARGEST_TURN, "radians", "degrees")
+    person = target.shape[1] == 2 * FRAMES * POINTS
+    target = target * _unit(path, arrays, "target_unit", LENGTHS if person else TURNS | LENGTHS)
+    unit = "m" if person or str(arrays.get("target_unit")) in LENGTHS else "rad"
+    rows = np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
+    windows = Windows(history, target.astype(float), *rows, unit)
+    largest = (FURTHEST, "metres", "millimetres") if unit == "m" else (LARGEST_TURN, "radians", "degrees")
     _check_size(f"{path}: {name}_target", target, *largest)
     if name == "train":
         _check_enough(path, inputs, target)
     return windows
+
+
+def _unit(path: Path | str, arrays: dict[str, Array], name: str, known: dict[str, float]) -> float:
+    """SI units that one of a file is; 1 where the file does not say which it has."""
+    if name not in arrays:
+        return 1.0
+    unit = str(arrays[name])
+    if unit not in known:
+        raise HighFiveError(f"{path}: {name} {unit!r}; expected one of {', '.join(known)}")
+    return known[unit]
 
 
 def _check_size(what: str, values: Array, limit: float, unit: str, other: str) -> None:
@@ -139,7 +157,8 @@ def few_sequences(windows: Windows, count: int, seed: int) -> Windows:
     chosen = np.sort(np.concatenate([rng.permutation(found)[:count] for found in _sequences(windows).values()]))
     kept = np.isin(windows.sequence, chosen)
     sequence = np.searchsorted(chosen, windows.sequence[kept])
-    return Windows(windows.history[kept], windows.target[kept], sequence.astype(np.int64), windows.action[kept])
+    rows = sequence.astype(np.int64), windows.action[kept]
+    return Windows(windows.history[kept], windows.target[kept], *rows, windows.unit)
 
 
 def _sequences(windows: Windows) -> dict[int, NDArray[np.int64]]:

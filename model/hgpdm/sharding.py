@@ -41,7 +41,8 @@ def join_hosts(hosts: Sequence[str], process: int | None = None) -> int:
     if not automatic and (len(hosts) < 2 or ":" not in hosts[0]):
         raise HighFiveError(f"hosts {','.join(hosts)}; expected auto, or several with a port behind the first")
     if not automatic and (process is None or not 0 <= process < len(hosts)):
-        raise HighFiveError(f"process {process} of {len(hosts)} hosts; give its number, from 0 to {len(hosts) - 1}")
+        which = "which of them is this" if process is None else f"process {process} of {len(hosts)}"
+        raise HighFiveError(f"{len(hosts)} hosts, {which}? --process-id takes its number, from 0 to {len(hosts) - 1}")
     jax.config.update("jax_cpu_collectives_implementation", "gloo")  # of CPUs; GPUs have their own
     try:
         jax.distributed.initialize(

@@ -213,6 +213,10 @@ def test_an_adaptation_takes_no_words_of_a_training_and_needs_a_model(tmp_path: 
             train(replace(chosen, **changes), lambda label, total: pytest.fail("solves"))
     with pytest.raises(HighFiveError, match="leave --hosts out"):
         train(replace(chosen, hosts=("auto",)), lambda label, total: pytest.fail("solves"))
+    with pytest.raises(HighFiveError, match="which of --hosts this is"):
+        train(replace(chosen, start=None, process=1), lambda label, total: pytest.fail("solves"))
+    with pytest.raises(HighFiveError, match="--process-id takes its number, from 0 to 1"):
+        train(replace(chosen, start=None, hosts=("a:1", "b")), lambda label, total: pytest.fail("solves"))
     with pytest.raises(HighFiveError, match="no model file"):
         train(replace(chosen, start=str(tmp_path / "none.safetensors")), lambda label, total: pytest.fail("solves"))
 
@@ -241,6 +245,7 @@ def test_two_hosts_train_one_model_that_the_first_writes(lab: Path, tmp_path: Pa
         )
         for number in ("0", "1")
     ]
-    first, second = (json.loads(process.communicate(timeout=300)[0].splitlines()[-1]) for process in both)
+    first, second = (json.loads(process.communicate(timeout=300)[0]) for process in both)  # Gloo prints, too
+    assert first["model"].endswith("m.safetensors") and second["model"] is None
     assert first["hosts"] == second["hosts"] == 2 and first["objective"] == second["objective"]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.safetensors"]

@@ -1,5 +1,7 @@
 """The mixture of hypotheses against mixtures that are known."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.stats import multivariate_normal
 
@@ -30,6 +32,15 @@ def test_of_its_own_draws_nine_of_ten_are_in_the_region() -> None:
     drawn = [rng.multivariate_normal(mixture.points[k], mixture.covariances[k]) for k in which]
     inside = np.mean([mixture.level(point, rng, 400) < 0.9 for point in drawn])
     assert 0.85 < inside < 0.95
+
+
+def test_of_a_few_frames_there_is_one_hypothesis(trials: list[Trial]) -> None:
+    first = next(trial for trial in trials if not trial.test)
+    late = slice(first.contact_frame - 8, None)
+    cut = {name: getattr(first, name)[late] for name in ("hand_points", "joints", "root", "palm", "person_palm")}
+    short = replace(first, **cut, contact_frame=8, arm_points=None)
+    said = MixtureReach(problem(training_set(trials, DEFAULT), DEFAULT), [short])(short, 4)
+    assert len(said.weights) == 1 and np.isfinite(said.covariances).all()
 
 
 def test_a_reach_of_known_trials_is_foreseen_better_the_nearer_it_is(trials: list[Trial]) -> None:

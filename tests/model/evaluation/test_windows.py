@@ -54,6 +54,30 @@ def test_history_holds_what_the_window_holds(path: Path, arrays: dict[str, np.nd
     np.testing.assert_allclose(learn.history[:, :5] - learn.history[:, 1:], frames[:, ::-1, 1], atol=1e-12)
 
 
+def test_units_that_a_file_says_are_turned_into_metres_and_radians(tmp_path: Path, arrays: dict[str, np.ndarray]):
+    def read(**changes: object) -> windows.Windows:
+        np.savez(tmp_path / "other.npz", **(arrays | changes))
+        return windows.read_windows(tmp_path / "other.npz")[0]
+
+    seven, plain = (
+        {f"{part}_target": arrays[f"{part}_target"][:, [*range(20), *range(15)]] for part in ("train", "test")},
+        read(),
+    )
+    inputs = {f"{part}_input": 1e3 * arrays[f"{part}_input"] for part in ("train", "test")}
+    degrees = {name: np.degrees(target) for name, target in seven.items()}
+    found = read(**inputs, **degrees, input_unit="mm", target_unit="deg")
+    np.testing.assert_allclose(found.history, plain.history, atol=1e-12)
+    np.testing.assert_allclose(found.target, seven["train_target"], atol=1e-12)
+    assert found.unit == "rad" and not windows.is_person(found)
+    tool = read(**{name: 100.0 * target for name, target in seven.items()}, target_unit="cm")
+    np.testing.assert_allclose(tool.target, seven["train_target"], atol=1e-12)
+    assert tool.unit == windows.few_sequences(tool, 1, 0).unit == "m"
+    with pytest.raises(HighFiveError, match="input_unit 'inch'; expected one of m, cm, mm"):
+        read(input_unit="inch")
+    with pytest.raises(HighFiveError, match="are these millimetres"):
+        read(**inputs)
+
+
 def test_scores_are_those_of_the_definition(path: Path):
     _, test = windows.read_windows(path)
     rng = np.random.default_rng(1)

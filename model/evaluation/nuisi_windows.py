@@ -87,7 +87,9 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
         raise HighFiveError(
             f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)"
         )
-    if lengths.ndim != 1 or lengths.shape != action.shape or np.any(lengths < 1) or lengths.sum() != count:
+    if np.any(lengths < 1):
+        raise HighFiveError(f"{path}: {name}_sequence_lengths hold {lengths.min():g}; a sequence has a window or more")
+    if lengths.ndim != 1 or lengths.shape != action.shape or lengths.sum() != count:
         raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
     if np.any(lengths % 1) or np.any(action % 1) or np.any(action < 0):
         raise HighFiveError(f"{path}: {name}_sequence_lengths and {name}_action must be whole numbers, from 0 on")

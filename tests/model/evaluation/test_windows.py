@@ -133,6 +133,7 @@ def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path
         ),
         (lambda a: a.update(train_input=np.array(1.0)), "expected \\(n, 90\\)"),
         (lambda a: a.update(train_sequence_lengths=np.array(5)), "do not add up"),
+        (lambda a: a.update(train_sequence_lengths=a["train_sequence_lengths"] * [1, 1, 1, 0]), "hold 0; a sequence"),
         (lambda a: a.update(train_action=a["train_action"] + 0.5), "whole numbers"),
         (lambda a: a.update(train_action=a["train_action"] * np.nan), "train_action holds NaN"),
         (lambda a: a.update(train_action=a["train_action"].astype(str)), "train_action holds no numbers"),

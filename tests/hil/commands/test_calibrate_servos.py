@@ -225,7 +225,7 @@ def test_torque_hides_how_shadows_stand(kept: Path, tmp_path: Path) -> None:
 )
 def test_what_cannot_be_used_is_said_before_anything_is_opened(kept: Path, changes: dict, says: str) -> None:
     given = {"arm": ArmOptions("virtual", slow=True, calibration=kept), "source": "vicon://cameras"}
-    given |= {"out": kept.with_name("none.toml")} | changes
+    given |= {"out": kept.with_name("not_there.toml")} | changes
     with pytest.raises(HighFiveError) as error:
         checked_servos(ServoOptions(**given))
     assert says in str(error.value)

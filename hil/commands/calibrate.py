@@ -15,11 +15,10 @@ from highfive.calibration.personal_set import personal_set
 from highfive.calibration.subject import Subject
 from highfive.hil.datasets.fitted_subject import fitted_subject
 from highfive.hil.runtime.console import STDOUT, Bar, counted
-from highfive.hil.runtime.folders import check_file
+from highfive.hil.runtime.folders import check_toml
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import write_marker_set
 from highfive.mocap_bridge.markers.one_person import OnePerson, read_person
-from highfive.model.errors import HighFiveError
 
 MM = 1e3
 
@@ -58,9 +57,7 @@ def calibrate_subject(options: CalibrateOptions, bar: Bar) -> dict[str, Any]:
     Raises:
         HighFiveError: the file is not usable, the labels do not fit, or the set cannot be written.
     """
-    if options.out.suffix != ".toml":
-        raise HighFiveError(f"--out {options.out}: a marker set is a TOML file; write it as {options.out.stem}.toml")
-    check_file(options.out, options.overwrite)
+    check_toml(options.out, "a marker set", options.overwrite)
     person = read_person(options.file, options.person, options.marker_set)
     base = person.marker_set
     subject = fitted_subject(person, bar)

@@ -36,13 +36,13 @@ from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
 from highfive.hil.commands.calibration_checks import (
-    check_calibration_file,
     check_in_a_room,
     check_system,
     kept_where_refused,
 )
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.folders import check_toml
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING
 from highfive.hil.trials.summary import versions
@@ -132,7 +132,7 @@ def checked_extrinsics(options: ExtrinsicsOptions) -> Calibrated:
     check_system(options.source)
     if not FEWEST <= options.poses <= MOST:
         raise HighFiveError(f"--poses {options.poses}; expected {FEWEST} to {MOST}, 30 are good")
-    check_calibration_file(options.out, options.overwrite)
+    check_toml(options.out, "a calibration", options.overwrite)
     options = replace(options, arm=replace(options.arm, as_drawn=True))
     template = load_template(options.plate)
     return Calibrated(options, check_options(options.arm)[1], template)

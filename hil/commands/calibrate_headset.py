@@ -15,7 +15,7 @@ from highfive.calibration.headset_file import KeptRegistration, save_headset
 from highfive.hil.commands.calibration_checks import check_system
 from highfive.hil.commands.simulate_options import PageOptions
 from highfive.hil.runtime.console import Bar, say_aside
-from highfive.hil.runtime.folders import check_file
+from highfive.hil.runtime.folders import check_toml
 from highfive.hil.trials.head_watch import HeadWatch
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
@@ -77,9 +77,7 @@ def calibrate_headset(
     check_system(options.source)
     if not SHORTEST_S <= options.seconds <= LONGEST_S:
         raise HighFiveError(f"--seconds {options.seconds:g}; expected {SHORTEST_S:g} to {LONGEST_S:g}")
-    if options.out.suffix != ".toml":
-        raise HighFiveError(f"--out {options.out}: a registration is a TOML file; write it as {options.out.stem}.toml")
-    check_file(options.out, options.overwrite)
+    check_toml(options.out, "a registration", options.overwrite)
     with ExitStack() as stack:
         source = stack.enter_context(closing(live_source(options.source, options.person, wiring)))
         first = source.first()

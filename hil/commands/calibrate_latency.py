@@ -29,12 +29,13 @@ from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm.wand_lag import Followed, WandSeen, follow_wand, followed_wand
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import mounted
-from highfive.hil.commands.calibration_checks import check_calibration_file, check_in_a_room, check_system
+from highfive.hil.commands.calibration_checks import check_in_a_room, check_system
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.folders import check_toml
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
 from highfive.mocap_bridge.files.recording import EVERYBODY
@@ -80,7 +81,7 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
     if arm.port == EMULATED:
         raise HighFiveError(f"a machine's clock is no measure of an emulated arm; take {VIRTUAL}, or a serial port")
     if not arm.emulated:
-        check_calibration_file(options.out, options.overwrite)
+        check_toml(options.out, "a calibration", options.overwrite)
     limits, rig = check_options(arm)
     file, folder = calibration_file(arm, rig), find_arm(arm.arm)
     if file is None and not arm.emulated:

@@ -13,7 +13,7 @@ import numpy as np
 from highfive.calibration.placement_file import save_placement
 from highfive.calibration.room_frame import room_from_markers
 from highfive.hil.commands.calibration_checks import check_system
-from highfive.hil.runtime.folders import check_file
+from highfive.hil.runtime.folders import check_toml
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING, LiveWiring
 from highfive.mocap_bridge.files.recording import EVERYBODY
@@ -63,9 +63,7 @@ def calibrate_room(options: RoomOptions, wiring: LiveWiring = MACHINE_WIRING) ->
         raise HighFiveError(f"--markers {','.join(names)}; expected two or three labels, such as origin,ahead,left")
     if not 0.0 <= options.height <= 2.0:
         raise HighFiveError(f"--height {1e3 * options.height:g}; expected 0 to 2000 mm")
-    if options.out.suffix != ".toml":
-        raise HighFiveError(f"--out {options.out}: a placement is a TOML file; write it as {options.out.stem}.toml")
-    check_file(options.out, options.overwrite)
+    check_toml(options.out, "a placement", options.overwrite)
     with closing(live_source(options.source, EVERYBODY, wiring)) as source:
         source.first()
         frames, frame, end = [], None, wiring.clock.now() + round(1e9 * PATIENCE_S)

@@ -36,7 +36,6 @@ from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm, mounted
 from highfive.hil.commands.calibration_checks import (
-    check_calibration_file,
     check_in_a_room,
     check_system,
     kept_where_refused,
@@ -47,6 +46,7 @@ from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
 from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.folders import check_toml
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING as LIVE_WIRING
 from highfive.mocap_bridge.files.recording import EVERYBODY
@@ -133,7 +133,7 @@ def checked_servos(options: ServoOptions) -> KnownServos:
     check_system(options.source)
     if not FEWEST <= options.pairs <= MOST:
         raise HighFiveError(f"--pairs {options.pairs}; expected {FEWEST} to {MOST}, 12 are good")
-    check_calibration_file(options.out, options.overwrite)
+    check_toml(options.out, "a calibration", options.overwrite)
     rig = check_options(options.arm)[1]
     if (file := calibration_file(options.arm, rig)) is None:
         raise HighFiveError(

@@ -7,7 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from highfive.hil.arm.arm_options import ArmOptions
-from highfive.hil.runtime.folders import check_file
 from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
 from highfive.model.errors import HighFiveError
 
@@ -20,17 +19,6 @@ def check_system(source: str) -> None:
     """
     if not is_live(source) or parse_address(source).scheme in ("headset", WEBCAM):
         raise HighFiveError(f"--source {source}: expected a motion capture system, such as vicon://host")
-
-
-def check_calibration_file(out: Path, overwrite: bool) -> None:
-    """That an arm's calibration can be written there.
-
-    Raises:
-        HighFiveError: its name is no TOML file's, or it is there already.
-    """
-    if out.suffix != ".toml":
-        raise HighFiveError(f"--out {out}: a calibration is a TOML file; write it as {out.stem}.toml")
-    check_file(out, overwrite)
 
 
 def check_in_a_room(arm: ArmOptions) -> None:

@@ -86,6 +86,17 @@ def check_file(path: Path, overwrite: bool, option: str = "--out") -> None:
         raise HighFiveError(f"cannot write to {path.parent}: {error.strerror}; give another {option}") from None
 
 
+def check_toml(path: Path, what: str, overwrite: bool, option: str = "--out") -> None:
+    """As :func:`check_file`, of a TOML file that is ``what``.
+
+    Raises:
+        HighFiveError: as there, or its name is no TOML file's.
+    """
+    if path.suffix != ".toml":
+        raise HighFiveError(f"{option} {path}: {what} is a TOML file; write it as {path.stem}.toml")
+    check_file(path, overwrite, option)
+
+
 @contextmanager
 def locked(folder: Path) -> Iterator[bool | None]:
     """Whether the folder is this process's until this is left; None where there are no locks. The killed hold none."""

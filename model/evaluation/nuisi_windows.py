@@ -99,7 +99,7 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
     before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
     history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
     sequences, counts = np.arange(len(lengths)), lengths.astype(np.int64)
-    person = target.shape[1] == 2 * FRAMES * POINTS
+    person = _of_a_person(target)
     target = target * _unit(path, arrays, "target_unit", LENGTHS if person else TURNS | LENGTHS)
     unit = "m" if person or str(arrays.get("target_unit")) in LENGTHS else "rad"
     rows = np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
@@ -135,8 +135,12 @@ def _check_enough(path: Path | str, inputs: Array, target: Array) -> None:
 
 
 def is_person(windows: Windows) -> bool:
-    """The partner is a person whose arm is given like the input; otherwise a robot with four joints."""
-    return windows.target.shape[1] == 2 * FRAMES * POINTS
+    """The partner is a person whose arm is given like the input; otherwise a robot."""
+    return _of_a_person(windows.target)
+
+
+def _of_a_person(target: Array) -> bool:
+    return target.shape[1] == 2 * FRAMES * POINTS
 
 
 def action_names(windows: Windows) -> dict[int, str]:

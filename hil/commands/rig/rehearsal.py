@@ -19,7 +19,7 @@ from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.emulated_bus import EmulatedBus
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions
 from highfive.hil.runtime.clock import MACHINE
-from highfive.hil.runtime.folders import check_file, write_file
+from highfive.hil.runtime.folders import check_toml, write_file
 from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.mocap_bridge.servers.serving import LOOPBACK
 from highfive.mocap_bridge.servers.vicon import ViconServer
@@ -71,9 +71,7 @@ def rehearsed_arm(
         raise HighFiveError(f"--plate: only of {DEFAULT_ARM} is it known how it may differ from its drawing")
     if not (options.configured and options.paced and options.baud_rate is None):
         raise HighFiveError("--plate is for servos that are ready to play: without --factory, --unpaced and --baud")
-    if wanted.plate.suffix != ".toml":
-        raise HighFiveError(f"--plate {wanted.plate}: a template is a TOML file; write it as {wanted.plate.stem}.toml")
-    check_file(wanted.plate, wanted.overwrite, "--plate")
+    check_toml(wanted.plate, "a template", wanted.overwrite, "--plate")
     truth = drawn_truth(options.seed)
     server = ViconServer(port=wanted.port, rate_hz=RATE_HZ)
     try:

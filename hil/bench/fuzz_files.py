@@ -127,6 +127,7 @@ def npz_seeds() -> list[Seed]:
     for part in ("train", "test"):
         arrays |= {f"{part}_input": rng.normal(0.0, 0.3, (60, 90)), f"{part}_target": rng.normal(0.0, 0.3, (60, 20))}
         arrays |= {f"{part}_sequence_lengths": np.array([30, 30]), f"{part}_action": np.array([0, 1])}
+    arrays |= {"input_frames": np.array(5), "input_differences": np.array(1), "input_unit": np.array("m")}
     np.savez_compressed(out, **arrays)
     windows = Seed(out.getvalue(), of_file("windows.npz", read_windows), damaged_npz)
     out = io.BytesIO()

@@ -157,8 +157,8 @@ def _over(runs: list[Scored], summary: Callable[[list[float]], Any]) -> Scored:
 
 def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     learn, test = windows.read_windows(path)
-    chosen = windows.window_preset(preset)
-    unit = "m" if windows.is_person(test) else f"{test.unit}²"
+    chosen = windows.window_preset(preset, learn)
+    unit = "m" if test.person is not None else f"{test.unit}²"
     most = windows.most_sequences(learn)
     counts = [n for n in sorted(set(options.learning_curve)) if n <= most] or [most]
     count = TrainingCount(bar, options.seeds * len(counts), say_aside)

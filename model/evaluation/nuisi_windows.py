@@ -1,8 +1,9 @@
-"""Window files of interaction benchmarks: a person's arm over five frames in, the partner's next five frames out.
+"""Window files of interaction benchmarks: an arm over some frames in, what the partner does in the next ones out.
 
-A file holds, for ``train`` and ``test``, the arrays ``input`` (n, 90): five frames, oldest first, of three joints'
-positions and of their differences from the frame before; ``target`` (n, d); ``sequence_lengths`` and ``action``; for
-both parts ``input_unit`` and ``target_unit`` where these are not m, and m of a person or rad of a robot. This is the
+A file holds, for ``train`` and ``test``, the arrays ``input`` (n, w): frames, oldest first, of an arm's coordinates and
+of their differences from the frame before; ``target`` (n, d); ``sequence_lengths`` and ``action``. For both parts it
+may hold ``input_frames`` (5), ``input_differences`` (1; 0 where there are none), and ``input_unit`` and ``target_unit``
+where these are not m, and m of a person or rad of a robot. With inputs of 90 (five frames of three joints) this is the
 protocol of the NuiSI data set (Prasad et al. 2024). Nothing of the test part is used in training, and the action only
 to name the scores.
 """
@@ -26,13 +27,40 @@ from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.npz_file import read_npz
 from highfive.model.online.belief import Filter
 
-FRAMES, POINTS = 5, 9  # frames of a window; coordinates of the arm's three joints
+FRAMES = 5  # of a window of a file that does not say how many
+PUBLISHED = (6, 9)  # shape of a history of the data set: three joints
 RATE_HZ = 30.0  # nominal; what matters is that window follows window
 ARM_VARIANCE = 1e-8  # of the arm's coordinates: what a file gives is taken as it is
 ROBOT_ACTIONS = ("wave", "handshake", "rocket_fistbump", "parachute_fistbump")  # targets of 20: four joint angles
+LAYOUT = {"input_frames": FRAMES, "input_differences": 1}  # of a file that does not say it
 LENGTHS = {"m": 1.0, "cm": 0.01, "mm": 0.001}  # unit of a file → m
 TURNS = {"rad": 1.0, "deg": float(np.pi / 180.0)}  # → rad
 HUMAN_ACTIONS = ("clap_fist", "fist_bump", "handshake", "high_five", "rocket_fistbump", "wave")  # targets of 90: an arm
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a row of an input is laid out: (frames, 2, P), coordinates and differences, or (frames, 1, P) without these.
+
+    Attributes:
+        frames: of a window.
+        differences: each frame's coordinates are followed by their differences from the frame before.
+    """
+
+    frames: int = FRAMES
+    differences: bool = True
+
+    def split(self, rows: Array) -> Array:
+        """Rows (n, w) as (n, frames, 1 or 2, P)."""
+        return rows.reshape(len(rows), self.frames, 1 + self.differences, -1)
+
+    def history(self, rows: Array) -> Array:
+        """(n, H, P) the arm at the newest frame and at those before it, newest first."""
+        frames = self.split(rows)
+        told = frames[:, :, 0]
+        if self.differences:  # the oldest one tells of one frame more
+            told = np.concatenate([told[:, :1] - frames[:, :1, 1], told], axis=1)
+        return told[:, ::-1]
 
 
 @dataclass(frozen=True)
@@ -40,11 +68,12 @@ class Windows:
     """Consecutive windows of sequences.
 
     Attributes:
-        history: (n, 6, 9) the arm at the newest frame and at the five before it, newest first.
+        history: (n, H, P) the arm at the newest frame and at those before it, newest first; m, or rad of a robot.
         target: (n, d) what the partner does in the next frames.
         sequence: (n,) index of the sequence, non-decreasing.
         action: (n,) index of the action.
         unit: of the target: m or rad.
+        person: layout of the target where the partner is a person whose joints are given like the input's.
     """
 
     history: Array
@@ -52,6 +81,7 @@ class Windows:
     sequence: NDArray[np.int64]
     action: NDArray[np.int64]
     unit: str = "rad"
+    person: Layout | None = None
 
 
 def read_windows(path: Path | str) -> tuple[Windows, Windows]:
@@ -67,8 +97,12 @@ def read_windows(path: Path | str) -> tuple[Windows, Windows]:
     if arrays is None:
         raise HighFiveError(f"{path} holds one array; a windows file (.npz) holds train_input, train_target, …")
     learn, test = _part(path, arrays, "train"), _part(path, arrays, "test")
-    if (wide := learn.target.shape[1]) != test.target.shape[1]:
-        raise HighFiveError(f"{path}: targets of {wide} numbers to learn, of {test.target.shape[1]} to test")
+    for what, wide, other in (
+        ("targets of {} numbers", learn.target.shape[1], test.target.shape[1]),
+        ("inputs of {} coordinates", learn.history.shape[2], test.history.shape[2]),
+    ):
+        if wide != other:
+            raise HighFiveError(f"{path}: {what.format(wide)} to learn, of {other} to test")
     return learn, test
 
 
@@ -83,47 +117,64 @@ def _part(path: Path | str, arrays: dict[str, Array], name: str) -> Windows:
         if not np.all(np.isfinite(values)):
             raise HighFiveError(f"{path}: {full} holds NaN or infinity")
     count = inputs.shape[0] if inputs.ndim else 0
-    if inputs.shape != (count, 2 * FRAMES * POINTS) or target.ndim != 2 or len(target) != count or not target.size:
-        raise HighFiveError(
-            f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, 90), (n, d)"
-        )
+    if inputs.ndim != 2 or target.ndim != 2 or len(target) != count or not target.size or not inputs.size:
+        raise HighFiveError(f"{path}: {name} inputs {inputs.shape} and targets {target.shape}; expected (n, w), (n, d)")
+    layout = _layout(path, arrays, inputs.shape[1])
     if np.any(lengths < 1):
         raise HighFiveError(f"{path}: {name}_sequence_lengths hold {lengths.min():g}; a sequence has a window or more")
     if lengths.ndim != 1 or lengths.shape != action.shape or lengths.sum() != count:
         raise HighFiveError(f"{path}: {name}_sequence_lengths do not add up to its {count} windows")
     if np.any(lengths % 1) or np.any(action % 1) or np.any(action < 0):
         raise HighFiveError(f"{path}: {name}_sequence_lengths and {name}_action must be whole numbers, from 0 on")
-    inputs = inputs * _unit(path, arrays, "input_unit", LENGTHS)
-    _check_size(f"{path}: {name}_input", inputs, FURTHEST, "metres", "millimetres")
-    frames = inputs.astype(float).reshape(count, FRAMES, 2, POINTS)
-    before = frames[:, :1, 0] - frames[:, :1, 1]  # the oldest difference tells of one frame more
-    history = np.concatenate([before, frames[:, :, 0]], axis=1)[:, ::-1]
+    factor, of_input = _unit(path, arrays, "input_unit", "m")
+    inputs = inputs.astype(float) * factor
+    _check_size(f"{path}: {name}_input", inputs, of_input)
+    history = layout.history(inputs)
+    like_input = target.shape[1] == inputs.shape[1] and history.shape[2] % 3 == 0 and of_input == "m"
+    factor, unit = _unit(path, arrays, "target_unit", "m" if like_input else "rad")
+    target = target.astype(float) * factor
+    _check_size(f"{path}: {name}_target", target, unit)
     sequences, counts = np.arange(len(lengths)), lengths.astype(np.int64)
-    person = _of_a_person(target)
-    target = target * _unit(path, arrays, "target_unit", LENGTHS if person else TURNS | LENGTHS)
-    unit = "m" if person or str(arrays.get("target_unit")) in LENGTHS else "rad"
     rows = np.repeat(sequences, counts), np.repeat(action.astype(np.int64), counts)
-    windows = Windows(history, target.astype(float), *rows, unit)
-    largest = (FURTHEST, "metres", "millimetres") if unit == "m" else (LARGEST_TURN, "radians", "degrees")
-    _check_size(f"{path}: {name}_target", target, *largest)
+    windows = Windows(history, target, *rows, unit, layout if like_input and unit == "m" else None)
     if name == "train":
         _check_enough(path, inputs, target)
     return windows
 
 
-def _unit(path: Path | str, arrays: dict[str, Array], name: str, known: dict[str, float]) -> float:
-    """SI units that one of a file is; 1 where the file does not say which it has."""
-    if name not in arrays:
-        return 1.0
-    unit = str(arrays[name])
+def _layout(path: Path | str, arrays: dict[str, Array], width: int) -> Layout:
+    """How the inputs of a file are laid out.
+
+    Raises:
+        HighFiveError: no number of frames, or inputs that are not that many frames wide.
+    """
+    said = {name: arrays.get(name, np.array(usual)) for name, usual in LAYOUT.items()}
+    for name, value in said.items():
+        if value.size != 1 or value.dtype.kind not in "biuf" or value.item() % 1 or not 0 <= value.item() <= width:
+            raise HighFiveError(f"{path}: {name} must be one whole number, not {value.tolist()!r:.40}")
+    layout = Layout(int(said["input_frames"].item()), bool(said["input_differences"].item()))
+    parts = layout.frames * (1 + layout.differences)
+    if not parts or width % parts:
+        form = f"{layout.frames} frames {'with' if layout.differences else 'without'} differences"
+        raise HighFiveError(
+            f"{path}: inputs of {width} are not {form}: input_frames, input_differences (1, 0) say which"
+        )
+    return layout
+
+
+def _unit(path: Path | str, arrays: dict[str, Array], name: str, usual: str) -> tuple[float, str]:
+    """SI units that one of a file is, and which: m or rad, the usual one where the file does not say."""
+    known = LENGTHS | TURNS
+    unit = str(arrays.get(name, usual))
     if unit not in known:
         raise HighFiveError(f"{path}: {name} {unit!r}; expected one of {', '.join(known)}")
-    return known[unit]
+    return known[unit], "m" if unit in LENGTHS else "rad"
 
 
-def _check_size(what: str, values: Array, limit: float, unit: str, other: str) -> None:
+def _check_size(what: str, values: Array, unit: str) -> None:
+    limit, long, other = (FURTHEST, "metres", "millimetres") if unit == "m" else (LARGEST_TURN, "radians", "degrees")
     if (largest := np.abs(values).max()) > limit:
-        raise HighFiveError(f"{what} reaches {largest:.3g}; expected {unit}: are these {other}?")
+        raise HighFiveError(f"{what} reaches {largest:.3g}; expected {long}: are these {other}?")
 
 
 def _check_enough(path: Path | str, inputs: Array, target: Array) -> None:
@@ -134,18 +185,11 @@ def _check_enough(path: Path | str, inputs: Array, target: Array) -> None:
             raise HighFiveError(f"{path}: train_{key} is the same in all windows; there is nothing to learn")
 
 
-def is_person(windows: Windows) -> bool:
-    """The partner is a person whose arm is given like the input; otherwise a robot."""
-    return _of_a_person(windows.target)
-
-
-def _of_a_person(target: Array) -> bool:
-    return target.shape[1] == 2 * FRAMES * POINTS
-
-
 def action_names(windows: Windows) -> dict[int, str]:
-    """Names of the actions that occur."""
-    known: dict[int, tuple[str, ...]] = {20: ROBOT_ACTIONS, 90: HUMAN_ACTIONS}
+    """Names of the actions that occur; those of the data set where the file is laid out as its files are."""
+    known: dict[int, tuple[str, ...]] = {}
+    if windows.history.shape[1:] == PUBLISHED:
+        known = {20: ROBOT_ACTIONS, 90: HUMAN_ACTIONS}
     names = known.get(windows.target.shape[1], ())
     return {int(k): names[k] if 0 <= k < len(names) else f"action_{k}" for k in np.unique(windows.action)}
 
@@ -164,7 +208,7 @@ def few_sequences(windows: Windows, count: int, seed: int) -> Windows:
     kept = np.isin(windows.sequence, chosen)
     sequence = np.searchsorted(chosen, windows.sequence[kept])
     rows = sequence.astype(np.int64), windows.action[kept]
-    return Windows(windows.history[kept], windows.target[kept], *rows, windows.unit)
+    return Windows(windows.history[kept], windows.target[kept], *rows, windows.unit, windows.person)
 
 
 def _sequences(windows: Windows) -> dict[int, NDArray[np.int64]]:
@@ -173,9 +217,9 @@ def _sequences(windows: Windows) -> dict[int, NDArray[np.int64]]:
     return {int(action): np.unique(windows.sequence[windows.action == action]) for action in actions}
 
 
-def window_preset(preset: Preset) -> Preset:
+def window_preset(preset: Preset, windows: Windows) -> Preset:
     """A preset whose back constraint sees what a window holds."""
-    return replace(preset, history=tuple((np.arange(FRAMES) + 1) / RATE_HZ))
+    return replace(preset, history=tuple(np.arange(1, windows.history.shape[1]) / RATE_HZ))
 
 
 def window_set(windows: Windows) -> TrainingSet:
@@ -190,12 +234,12 @@ def window_set(windows: Windows) -> TrainingSet:
 
 def respond(model: HGPDM, windows: Windows) -> Array:
     """What the model answers (n, d), online, each sequence from its beginning."""
-    moving, style, noise = Filter(model, RATE_HZ), np.ones(1), np.full(POINTS, ARM_VARIANCE)
+    moving, style, noise = Filter(model, RATE_HZ), np.ones(1), np.full(windows.history.shape[2], ARM_VARIANCE)
     answers: list[Array] = []
     for number in range(windows.sequence[-1] + 1):
         histories = windows.history[windows.sequence == number]
         belief = moving.initial(style)
-        for arm in histories[0, :0:-1]:  # the first window holds five frames from before it
+        for arm in histories[0, :0:-1]:  # the first window holds frames from before its newest
             belief, _ = moving.step(belief, arm, noise, style)
         for arm in histories[:, 0]:
             belief, generated = moving.step(belief, arm, noise, style)
@@ -211,16 +255,17 @@ def predicted(predictor: Predictor, features: Callable[[Array], Array], windows:
 def window_scores(answer: Array, windows: Windows) -> dict[str, float]:
     """Score of each action.
 
-    Robot (targets of 20): squared error, rad², averaged over joints, frames and windows. Person (targets of 90): root
-    mean square distance, m, of the three joints, over frames and windows.
+    Robot, or whatever is not laid out like the input: squared error, rad² or m², averaged over joints, frames and
+    windows. Person: root mean square distance, m, of the joints, over frames and windows.
     """
-    error, person = answer - windows.target, is_person(windows)
-    if person:
-        distance = error.reshape(len(error), FRAMES, 2, POINTS // 3, 3)[:, :, 0]
-        squares = np.sum(distance**2, axis=-1).mean(axis=(1, 2))
+    error = answer - windows.target
+    if windows.person is not None:
+        moved = windows.person.split(error)[:, :, 0]
+        joints = moved.reshape(*moved.shape[:2], -1, 3)
+        squares = np.sum(joints**2, axis=-1).mean(axis=(1, 2))
     else:
         squares = np.mean(error**2, axis=1)
     scores = {name: float(squares[windows.action == k].mean()) for k, name in action_names(windows).items()}
-    if person:
+    if windows.person is not None:
         return {name: float(np.sqrt(value)) for name, value in scores.items()}
     return scores

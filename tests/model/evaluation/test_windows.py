@@ -68,11 +68,11 @@ def test_units_that_a_file_says_are_turned_into_metres_and_radians(tmp_path: Pat
     found = read(**inputs, **degrees, input_unit="mm", target_unit="deg")
     np.testing.assert_allclose(found.history, plain.history, atol=1e-12)
     np.testing.assert_allclose(found.target, seven["train_target"], atol=1e-12)
-    assert found.unit == "rad" and not windows.is_person(found)
+    assert found.unit == "rad" and found.person is None
     tool = read(**{name: 100.0 * target for name, target in seven.items()}, target_unit="cm")
     np.testing.assert_allclose(tool.target, seven["train_target"], atol=1e-12)
     assert tool.unit == windows.few_sequences(tool, 1, 0).unit == "m"
-    with pytest.raises(HighFiveError, match="input_unit 'inch'; expected one of m, cm, mm"):
+    with pytest.raises(HighFiveError, match="input_unit 'inch'; expected one of m, cm, mm, rad, deg"):
         read(input_unit="inch")
     with pytest.raises(HighFiveError, match="are these millimetres"):
         read(**inputs)
@@ -97,14 +97,15 @@ def test_a_person_is_scored_by_the_distance_of_the_joints(path: Path):
     shifted = target.reshape(-1, 5, 2, 3, 3).copy()
     shifted[:, :, 0, :, 1] += 0.03  # positions
     shifted[:, :, 1] += 5.0  # differences, which do not count
-    scores = windows.window_scores(shifted.reshape(-1, 90), replace(test, target=target))
+    person = replace(test, target=target, person=windows.Layout())
+    scores = windows.window_scores(shifted.reshape(-1, 90), person)
     np.testing.assert_allclose(list(scores.values()), 0.03)
 
 
 @pytest.mark.slow
 def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path):
     learn, test = windows.read_windows(path)
-    preset = windows.window_preset(SMALL)
+    preset = windows.window_preset(SMALL, learn)
     task = problem(windows.window_set(learn), preset)
     model = train_on(windows.window_set(learn), preset, inducing=30)
     answer = windows.respond(model, test)
@@ -116,11 +117,64 @@ def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path
     np.testing.assert_allclose(windows.respond(model, cut), answer[first])
 
 
+def arms_of_seven_joints(rng: np.random.Generator, frames: int, differences: int) -> dict[str, object]:
+    """A robot's arm that waves, deg, and another that follows it."""
+    said: dict[str, object] = {"input_frames": frames, "input_differences": differences, "input_unit": "deg"}
+    for part, speeds in (("train", (3.0, 3.5, 5.0, 5.5)), ("test", (3.2, 5.2))):
+        inputs, targets = [], []
+        for speed in speeds:
+            times = np.arange(0.0, 3.0, 1.0 / windows.RATE_HZ)
+            arm = 40.0 * np.sin(speed * times[:, None] + np.linspace(0.0, 1.0, 7)) + rng.normal(0.0, 0.1, (90, 7))
+            rows = np.stack([arm[1:], np.diff(arm, axis=0)], axis=1)[:, : 1 + differences].reshape(89, -1)
+            starts = range(89 - frames - 4)
+            inputs.append(np.stack([rows[s : s + frames].ravel() for s in starts]))
+            targets.append(np.stack([np.radians(arm[s + frames + 1 : s + frames + 6]).ravel() for s in starts]))
+        said |= {f"{part}_input": np.concatenate(inputs), f"{part}_target": np.concatenate(targets)}
+        lengths = np.array([len(x) for x in inputs])
+        said |= {f"{part}_sequence_lengths": lengths, f"{part}_action": np.zeros(len(lengths))}
+    return said
+
+
+@pytest.mark.parametrize(("frames", "differences"), [(5, 0), (1, 1), (1, 0), (8, 1)])
+def test_an_input_of_any_width_is_the_history_that_it_tells(tmp_path: Path, frames: int, differences: int):
+    said = arms_of_seven_joints(np.random.default_rng(2), frames, differences)
+    np.savez(tmp_path / "arms.npz", **said)
+    learn, test = windows.read_windows(tmp_path / "arms.npz")
+    told = frames + differences
+    assert learn.history.shape[1:] == test.history.shape[1:] == (told, 7)
+    rows = np.radians(np.asarray(said["train_input"])).reshape(-1, frames, 1 + differences, 7)
+    np.testing.assert_allclose(learn.history[:, 0], rows[:, -1, 0])
+    first = learn.sequence == 0  # windows of one sequence follow each other frame by frame
+    for back in range(told):
+        np.testing.assert_allclose(learn.history[first][back:, back], learn.history[first][: sum(first) - back, 0])
+    assert learn.unit == "rad" and learn.person is None and windows.action_names(test) == {0: "action_0"}
+    assert len(windows.window_preset(SMALL, learn).history) == told - 1
+
+
+@pytest.mark.slow(20)
+@pytest.mark.parametrize(("frames", "differences"), [(5, 0), (1, 0)])
+def test_an_arm_that_follows_another_is_learned(tmp_path: Path, frames: int, differences: int):
+    np.savez(tmp_path / "arms.npz", **arms_of_seven_joints(np.random.default_rng(3), frames, differences))
+    learn, test = windows.read_windows(tmp_path / "arms.npz")
+    preset = windows.window_preset(SMALL, learn)
+    task = problem(windows.window_set(learn), preset)
+    ours = windows.window_scores(windows.respond(train_on(windows.window_set(learn), preset, inducing=30), test), test)
+    mean = windows.window_scores(windows.predicted(baselines.constant_mean(task), task.feature_map, test), test)
+    assert ours["action_0"] < 0.3 * mean["action_0"]
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [
         (lambda a: a.pop("test_target"), "lacks test_target"),
-        (lambda a: a.update(train_input=a["train_input"][:, :80]), "expected \\(n, 90\\)"),
+        (lambda a: a.update(train_input=a["train_input"][:, :80]), "inputs of 8 coordinates to learn, of 9 to test"),
+        (lambda a: a.update(train_input=a["train_input"][:, :81]), "inputs of 81 are not 5 frames with differences"),
+        (lambda a: a.update(input_frames=7, input_differences=0), "of 90 are not 7 frames without differences"),
+        (lambda a: a.update(input_frames=0), "of 90 are not 0 frames"),
+        (lambda a: a.update(input_frames=2.5), "input_frames must be one whole number, not 2.5"),
+        (lambda a: a.update(input_frames=[5, 5]), "input_frames must be one whole number"),
+        (lambda a: a.update(input_differences="yes"), "input_differences must be one whole number, not 'yes'"),
+        (lambda a: a.update(input_differences=np.nan), "input_differences must be one whole number"),
         (lambda a: a.update(test_sequence_lengths=np.array([3, 4])), "do not add up"),
         (lambda a: a.update(train_target=np.full_like(a["train_target"], np.nan)), "NaN"),
         (lambda a: a.update(train_target=np.full_like(a["train_target"], 0.3)), "train_target is the same"),
@@ -131,7 +185,7 @@ def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path
             lambda a: a.update(test_target=np.zeros((len(a["test_target"]), 90))),
             "of 20 numbers to learn, of 90 to test",
         ),
-        (lambda a: a.update(train_input=np.array(1.0)), "expected \\(n, 90\\)"),
+        (lambda a: a.update(train_input=np.array(1.0)), "expected \\(n, w\\)"),
         (lambda a: a.update(train_sequence_lengths=np.array(5)), "do not add up"),
         (lambda a: a.update(train_sequence_lengths=a["train_sequence_lengths"] * [1, 1, 1, 0]), "hold 0; a sequence"),
         (lambda a: a.update(train_action=a["train_action"] + 0.5), "whole numbers"),

@@ -34,7 +34,8 @@ from highfive.hil.arm.rig_planner import full_errors, retarget_settings
 from highfive.hil.arm.simulated_driver import SimulatedDriver, mounted_arm
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.arm_model.servo_arm import mounted
-from highfive.hil.bench.retarget import reference_trajectories
+from highfive.hil.bench.locked import locked_partners
+from highfive.hil.bench.retarget import reference_trajectories, references_of
 from highfive.hil.bench.virtual_play import VirtualPlay, default_planner, play_virtually
 from highfive.hil.drivers.latch import Latch
 from highfive.hil.runtime.folders import check_file
@@ -42,6 +43,7 @@ from highfive.hil.runtime.threads import parallel_map, quick_switching
 from highfive.hil.safety.startup import Check
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
+from highfive.hil.trials.locked_set import SEED, locked_trials
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.trained import HGPDM
 
@@ -55,7 +57,8 @@ PLAYERS = ("avatar", "twin", "rig")
 class ContactOptions:
     """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
     with, where its map is drawn, whether the arm is given the exact place and time, as soon as it is given any, whether
-    a picture that is there may be replaced, whether the rig plays in virtual time, and which arm plays."""
+    a picture that is there may be replaced, whether the rig plays in virtual time, which arm plays, and whether the
+    people are those of the locked set, on whom nothing was chosen, in place of those of a seed."""
 
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
@@ -67,21 +70,24 @@ class ContactOptions:
     overwrite: bool = False
     virtual: bool = False
     arm: str = DEFAULT_ARM
+    locked: bool = False
 
 
 def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, Any]:
     """Figures of each player, and a row for each high five.
 
     Returns:
-        by player ``error_mm`` (``median``, ``max``), ``time_error_ms`` (the largest), ``max_relative_speed``,
+        by player ``error_mm`` (``median``, ``p95``, ``max``), ``time_error_ms`` (the largest), ``max_relative_speed``,
         ``unreachable`` (not in the other figures), ``missed``; of an arm the largest speeds near hand and head, on the
         wire and of the body; of the rig also ``stops``, each of which is a high five that counts as it was; and
         ``rows``.
 
     Raises:
         HighFiveError: there is no such player, emotion or cell, the baseline cannot be read, the picture not written,
-            or the arm was stopped.
+            or the arm was stopped; or a seed, or a map, which has a place for one high five a cell, of the locked set.
     """
+    if options.locked and (options.seed or options.picture is not None):
+        raise HighFiveError(f"leave {'--seed' if options.seed else '--picture'} out: the locked set has its own people")
     if options.picture is not None:
         if not options.picture.parent.is_dir():
             raise HighFiveError(f"cannot draw {options.picture}: there is no folder {options.picture.parent}")
@@ -96,13 +102,12 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     if options.picture is not None and set(options.players) <= {"avatar"}:
         raise HighFiveError("the map shows what an arm can do; let twin or rig play too")
     before = {} if options.baseline is None else read_baseline(options.baseline)
-    references = reference_trajectories(
-        model, options.emotions or tuple(EMOTIONS), options.cells or CELLS, options.seed, bar
-    )
+    people, references = _references(options, model, bar)
     references = [with_known_contact(it) for it in references] if options.foretold else references
     result: dict[str, Any] = {
         "high_fives": len(references),
-        "seed": options.seed,
+        "seed": SEED if options.locked else options.seed,
+        "locked": options.locked,
         "foretold": options.foretold,
         "virtual": options.virtual,
         "arm": options.arm,
@@ -112,13 +117,26 @@ def bench_contact(options: ContactOptions, model: HGPDM, bar: Bar) -> dict[str, 
     for player in options.players:
         play = played_in_virtual_time if options.virtual and player == "rig" else partial(played_by, player)
         results, commanded = play(references, bar, options.arm)
-        result[player] = contact_figures([one.met for one in results]) | commanded
-        rows += [_row(player, one, before) for one in results]
+        result[player] = contact_figures([one.met for one in results], people) | commanded
+        rows += [_row(player, one, before, who) for one, who in zip(results, people, strict=True)]
     if options.picture is not None:
         from highfive.hil.report.contact_map import draw_contact_map  # noqa: PLC0415 (matplotlib takes a second)
 
         draw_contact_map(options.picture, rows, replace=options.overwrite)
     return result | {"rows": rows}
+
+
+def _references(options: ContactOptions, model: HGPDM, bar: Bar) -> tuple[list[str], list[ReferenceTrajectory]]:
+    """The high fives, and the name of each person; '' of those of a seed."""
+    emotions, cells = options.emotions or tuple(EMOTIONS), options.cells or CELLS
+    if options.locked:
+        asked = [trial for trial in locked_trials() if trial.emotion in emotions and trial.cell in cells]
+        if not asked:
+            raise HighFiveError("the locked set has no such high five; ask for more cells or emotions")
+        trials, partners = locked_partners(asked, bar)
+        return [trial.name for trial in trials], references_of(partners, model, bar)
+    references = reference_trajectories(model, emotions, cells, options.seed, bar)
+    return [""] * len(references), references
 
 
 def twin_loop(arm: str = DEFAULT_ARM) -> ArmLoop:
@@ -131,8 +149,12 @@ def twin_loop(arm: str = DEFAULT_ARM) -> ArmLoop:
     return ArmLoop(twin, retarget, limits, lambda: Check(twin.now(), ()), Latch(twin), twin)
 
 
-def contact_figures(met: Sequence[ContactOutcome]) -> dict[str, Any]:
-    """Of one player, over the high fives that are possible."""
+def contact_figures(met: Sequence[ContactOutcome], people: Sequence[str] | None = None) -> dict[str, Any]:
+    """Of one player, over the high fives that are possible; with names of the people, where they have any."""
+    named = [
+        " ".join([*filter(None, [who]), one.emotion, one.cell])
+        for one, who in zip(met, people or [""] * len(met), strict=True)
+    ]
     able = [one for one in met if one.possible]
     touched = [one for one in able if one.touched]
     errors = [MS * one.error for one in able if math.isfinite(one.error)]
@@ -140,13 +162,14 @@ def contact_figures(met: Sequence[ContactOutcome]) -> dict[str, Any]:
     return {
         "error_mm": {
             "median": round(float(np.median(errors)), 2) if errors else None,
+            "p95": round(float(np.percentile(errors, 95)), 2) if errors else None,
             "max": round(max(errors), 2) if errors else None,
         },
         "time_error_ms": round(max(late), 1) if late else None,
         "time_error_median_ms": round(float(np.median(late)), 1) if late else None,
         "max_relative_speed": round(max((one.speed for one in met if one.touched), default=0.0), 3),
-        "missed": [f"{one.emotion} {one.cell}" for one in able if not one.touched],
-        "unreachable": [f"{one.emotion} {one.cell}" for one in met if not one.possible],
+        "missed": [name for name, one in zip(named, met, strict=True) if one.possible and not one.touched],
+        "unreachable": [name for name, one in zip(named, met, strict=True) if not one.possible],
     }
 
 
@@ -158,7 +181,10 @@ def read_baseline(path: Path) -> dict[str, float]:
     """
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["rows"]
-        return {_key(row["player"], row["emotion"], row["cell"]): float(row["error_mm"]) for row in rows}
+        return {
+            _key(row["player"], row["emotion"], row["cell"], row.get("subject", "")): float(row["error_mm"])
+            for row in rows
+        }
     except OSError as error:
         raise HighFiveError(f"cannot read {path}: {error.strerror or error}") from None
     except (ValueError, KeyError, TypeError):
@@ -167,14 +193,16 @@ def read_baseline(path: Path) -> dict[str, float]:
 
 def print_contact(result: Mapping[str, Any]) -> None:
     """The table and the figures, for people."""
-    print(f"{result['high_fives']} high fives, seed {result['seed']}; error: plate (or palm) to palm where they touch")
+    whom = "people on whom nothing was chosen" if result["locked"] else f"seed {result['seed']}"
+    print(f"{result['high_fives']} high fives, {whom}; error: plate (or palm) to palm where they touch")
     if result["gives_up"]:
         print(f"{result['arm']} gives up {result['gives_up']}")
     if result["virtual"]:
         print("the rig plays in virtual time")
     if result["foretold"]:
         print("the arm is given the exact place and time, as soon as it is given any")
-    print(f"{'':8}{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>9}{'late, ms':>10}{'speed, m/s':>12}")
+    heads = f"{'emotion':<10}{'cell':<6}{'error, mm':>10}{'change':>9}{'late, ms':>10}{'speed, m/s':>12}"
+    print(f"{'':8}{'person':<8}{heads}" if result["locked"] else f"{'':8}{heads}")
     for row in result["rows"]:
         change = "" if row["change_mm"] is None else f"{row['change_mm']:+.1f}"
         late = "–" if row["late_ms"] is None else f"{row['late_ms']:.0f}"
@@ -182,19 +210,18 @@ def print_contact(result: Mapping[str, Any]) -> None:
         note += f" (stopped: {row['stopped']})" if row["stopped"] else ""
         error = "–" if row["error_mm"] is None else f"{row['error_mm']:.1f}"
         speed = "–" if row["speed"] is None else f"{row['speed']:.2f}"
-        print(
-            f"{row['player']:<8}{row['emotion']:<10}{row['cell']:<6}{error:>10}{change:>9}{late:>10}{speed:>12}{note}"
-        )
+        who = f"{row['player']:<8}" + (f"{row['subject']:<8}" if result["locked"] else "")
+        print(f"{who}{row['emotion']:<10}{row['cell']:<6}{error:>10}{change:>9}{late:>10}{speed:>12}{note}")
     for player in PLAYERS:
         if player not in result:
             continue
         of = result[player]
         error = of["error_mm"]
-        median, worst = ("–" if value is None else f"{value:.1f}" for value in (error["median"], error["max"]))
+        median, most, worst = ("–" if value is None else f"{value:.1f}" for value in error.values())
         print(
-            f"{player}: median {median} mm, largest {worst} mm, time error up to {of['time_error_ms']} ms, "
-            f"relative speed up to {of['max_relative_speed']} m/s, {len(of['missed'])} missed, "
-            f"{len(of['unreachable'])} not possible"
+            f"{player}: median {median} mm, 95 % {most} mm, largest {worst} mm, "
+            f"time error up to {of['time_error_ms']} ms, relative speed up to {of['max_relative_speed']} m/s, "
+            f"{len(of['missed'])} missed, {len(of['unreachable'])} not possible"
         )
         if "body_closing_speed" in of:
             print(
@@ -325,12 +352,13 @@ def _commanded(trials: Sequence[ArmTrial], name: str) -> dict[str, Any]:
     }
 
 
-def _row(player: str, result: Played, before: Mapping[str, float]) -> dict[str, Any]:
+def _row(player: str, result: Played, before: Mapping[str, float], subject: str) -> dict[str, Any]:
     met, had = result.met, result.met.notice
     error = round(MS * met.error, 2) if math.isfinite(met.error) else None
-    earlier = before.get(_key(player, met.emotion, met.cell))
+    earlier = before.get(_key(player, met.emotion, met.cell, subject))
     return {
         "player": player,
+        "subject": subject,
         "emotion": met.emotion,
         "cell": met.cell,
         "error_mm": error,
@@ -346,5 +374,5 @@ def _row(player: str, result: Played, before: Mapping[str, float]) -> dict[str, 
     }
 
 
-def _key(player: str, emotion: str, cell: str) -> str:
-    return f"{player} {emotion} {cell}"
+def _key(player: str, emotion: str, cell: str, subject: str) -> str:
+    return f"{player} {emotion} {cell} {subject}"

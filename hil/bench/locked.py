@@ -13,7 +13,8 @@ from highfive.hil.session.session import Session
 from highfive.hil.sim.people.actors import MOST_DRAWS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import build_scene
-from highfive.hil.trials.locked_set import NUMBER, SEED, SUBJECTS, LockedTrial, locked_partner, locked_trials
+from highfive.hil.trials.locked_set import NUMBER, SEED, LockedTrial, locked_partner, locked_trials
+from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.trial import run_trial
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.hgpdm.store import load_model
@@ -22,11 +23,20 @@ if TYPE_CHECKING:
     from highfive.hil.runtime.console import Bar
 
 _MM = 1e3
+
+
+def _correction_speed(result: TrialResult) -> float:
+    """Largest speed, rad/s, that the correction adds to any hinge, or takes from it."""
+    work = np.array([played.hinges - made.hinges for played, made in zip(result.poses, result.generated, strict=True)])
+    return float(np.abs(np.diff(work, axis=0) / np.diff(result.times)[:, None, None]).max())
+
+
 _FIGURES = {
     "true_error_mm": lambda r: _MM * r.touch_error,
     "true_error_at_contact_mm": lambda r: _MM * r.true_error,
     "closing_speed_m_s": lambda r: r.touch_speed,
     "before_correction_mm": lambda r: _MM * r.uncorrected_error,
+    "correction_rad_s": _correction_speed,
     "tracked_error_mm": lambda r: _MM * r.error,
     "late_ms": lambda r: _MM * abs(r.time_error),
 }
@@ -46,8 +56,9 @@ def bench_locked(model: Path, bar: Bar, trials: Sequence[LockedTrial] | None = N
         Of first touch, which missed trials have not: ``true_error_mm``, between the played palm and the true one in
         that tick, and ``closing_speed_m_s``, of these two along their common normal. Of all trials:
         ``true_error_at_contact_mm``, the same distance where the played palm is nearest to the tracked one;
-        ``before_correction_mm``, of the motion as generated at its nearest to the tracked one; ``tracked_error_mm``,
-        what the correction leaves of that. ``late_ms``: of the touch, either way. Then the same ``by_emotion`` and
+        ``before_correction_mm``, of the motion as generated at its nearest to the tracked one; ``correction_rad_s``,
+        the largest speed that the correction adds to any hinge or takes from it; ``tracked_error_mm``, what it leaves
+        of the distance. ``late_ms``: of the touch, either way. Then the same ``by_emotion`` and
         ``by_subject``; ``pairs_drawn``, to have pairs that can meet; ``never_met``, trials of the set that are not
         played because no pair could meet; and ``rows``.
 
@@ -55,11 +66,9 @@ def bench_locked(model: Path, bar: Bar, trials: Sequence[LockedTrial] | None = N
         HighFiveError: the model cannot be read or is for another avatar.
     """
     loaded = load_model(model)
-    chosen = locked_trials() if trials is None else list(trials)
-    drawn = list(parallel_map(locked_partner, chosen, lambda total: bar("people", total)))
-    never = [trial for trial, partner in zip(chosen, drawn, strict=True) if partner is None]
-    chosen = [trial for trial in chosen if trial not in never]
-    partners = [partner for partner in drawn if partner is not None]
+    asked = locked_trials() if trials is None else list(trials)
+    chosen, partners = locked_partners(asked, bar)
+    never = [trial for trial in asked if trial not in chosen]
     scene = build_scene()
     session = Session(loaded, {partners[0].emotion: 1.0}, partners[0].marker_set, scene)
     playout, results, advance = KinematicPlayOut(scene), [], bar("high fives", len(partners))
@@ -67,7 +76,7 @@ def bench_locked(model: Path, bar: Bar, trials: Sequence[LockedTrial] | None = N
         session.set_style({partner.emotion: 1.0})
         results.append(run_trial(number, partner, session, playout))
         advance()
-    names = [SUBJECTS[trial.subject].name for trial in chosen]
+    names = [trial.name for trial in chosen]
     return {
         "locked_set": NUMBER,
         "seed": SEED,
@@ -76,11 +85,18 @@ def bench_locked(model: Path, bar: Bar, trials: Sequence[LockedTrial] | None = N
         **_figures(results),
         "unwanted_contacts": sum(bool(r.contact.unwanted) for r in results),
         "pairs_drawn": sum(partner.draws for partner in partners) + MOST_DRAWS * len(never),
-        "never_met": [f"{SUBJECTS[trial.subject].name} {trial.emotion} {trial.cell}" for trial in never],
+        "never_met": [f"{trial.name} {trial.emotion} {trial.cell}" for trial in never],
         "by_emotion": _grouped(results, [r.emotion for r in results]),
         "by_subject": _grouped(results, names),
         "rows": [_row(name, result) for name, result in zip(names, results, strict=True)],
     }
+
+
+def locked_partners(trials: Sequence[LockedTrial], bar: Bar) -> tuple[list[LockedTrial], list[Partner]]:
+    """Trials in which a pair could meet, and the person of each."""
+    drawn = parallel_map(locked_partner, trials, lambda total: bar("people", total))
+    met = [(trial, partner) for trial, partner in zip(trials, drawn, strict=True) if partner is not None]
+    return [trial for trial, _ in met], [partner for _, partner in met]
 
 
 def _figures(results: Sequence[TrialResult]) -> dict[str, Any]:
@@ -133,6 +149,7 @@ def print_locked(result: Mapping[str, Any]) -> None:
         print(f"{name:10}" + "".join(f"{text:>30}" for text in shown) + f"{row['missed']:>9}")
     print(f"at contact, from the true palm: {_shown(result['true_error_at_contact_mm'], 1)} mm; ", end="")
     print(f"from the palm as tracked: {_shown(result['tracked_error_mm'], 2)} mm")
+    print(f"correction: up to {_shown(result['correction_rad_s'], 1)} rad/s of a joint, over the trials")
 
 
 def _shown(extent: Mapping[str, float | None], digits: int) -> str:

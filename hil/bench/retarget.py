@@ -23,9 +23,15 @@ from highfive.hil.arm.contact_outcome import ReferenceTrajectory, reference_in
 def reference_trajectories(
     model: HGPDM, emotions: Sequence[str], cells: Sequence[str], seed: int, bar: Bar, repeats: int = 1
 ) -> list[ReferenceTrajectory]:
-    """Runs the sessions."""
+    """Runs the sessions of simulated people."""
     count = repeats * len(emotions) * len(cells)
-    partners = simulated_partners(count, emotions, cells, seed, lambda total: bar("people", total))
+    return references_of(
+        simulated_partners(count, emotions, cells, seed, lambda total: bar("people", total)), model, bar
+    )
+
+
+def references_of(partners: Sequence[Partner], model: HGPDM, bar: Bar) -> list[ReferenceTrajectory]:
+    """Runs the sessions of people, who all wear the same marker set."""
     session = Session(model, {partners[0].emotion: 1.0}, partners[0].marker_set, build_scene())
     advance, references = bar("sessions", len(partners)), []
     for partner in partners:

@@ -121,6 +121,7 @@ def bench_contact(
         bool, typer.Option("--virtual", help="Let the rig play in virtual time: the same twice, whatever the machine.")
     ] = False,
     arm: Annotated[str, typer.Option(metavar="NAME", help="Which arm, or its folder (docs/arm.md).")] = "vx300s",
+    locked: Annotated[bool, typer.Option("--locked", help="Meet the people on whom nothing was ever chosen.")] = False,
     overwrite: OverwriteFile = False,
     seed: Seed = 0,
     json: Json = False,
@@ -129,7 +130,7 @@ def bench_contact(
     _run(
         json,
         lambda bar: bench.contact(
-            emotion, cell, player, baseline, picture, foretold, overwrite, virtual, arm, seed, bar
+            emotion, cell, player, baseline, picture, foretold, overwrite, virtual, arm, locked, seed, bar
         ),
     )
 

@@ -82,6 +82,7 @@ def contact(
     overwrite: bool,
     virtual: bool,
     arm: str,
+    locked: bool,
     seed: int,
     bar: Bar,
 ) -> Measured:
@@ -91,7 +92,7 @@ def contact(
     from highfive.model.hgpdm.store import load_model
 
     whom = tuple(emotions or ()), tuple(cells or ()), tuple(players or PLAYERS)
-    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite, virtual, arm)
+    options = ContactOptions(*whom, seed, baseline, picture, foretold, overwrite, virtual, arm, locked)
     return Measured(bench_contact(options, load_model(DEFAULT_MODEL), bar), print_contact)
 
 

@@ -76,6 +76,11 @@ class LockedTrial:
     emotion: str
     cell: str
 
+    @property
+    def name(self) -> str:
+        """Of the person, in tables."""
+        return SUBJECTS[self.subject].name
+
 
 def locked_trials() -> list[LockedTrial]:
     """The set, subject by subject: 5 people × 4 emotions × 5 cells."""

@@ -46,28 +46,35 @@ def test_one_person_is_the_same_every_time_and_wears_markers_elsewhere_than_the_
 def test_figures_are_of_the_true_palm_in_the_tick_of_first_touch():
     chosen = [locked_trials()[0], locked_trials()[-1]]
     result = bench_locked(DEFAULT_MODEL, lambda label, total: lambda note="", done=None: None, chosen)
-    scene, errors, speeds = build_scene(), [], []
+    scene, errors, speeds, added = build_scene(), [], [], []
     model, playout = load_model(DEFAULT_MODEL), KinematicPlayOut(scene)
     for trial in chosen:
         partner = locked_partner(trial)
         session = Session(model, {trial.emotion: 1.0}, partner.marker_set, scene)
-        previous = None
+        previous, touched, work, times = None, False, [], []
         for number, frame in enumerate(C3DSource(partner.recording, RATE_HZ)):
             tick = session.step(frame)
             state = (playout.step if number else playout.reset)(tick.pose, tick.person, frame.source_time_ns)
             apart = partner.palm[number] - state.palm.position
             touching = any({t.first, t.second} == {"right_palm", "person_palm"} for t in state.touches)
-            if touching or (
-                abs((tick.person.palm.position - state.palm.position) @ state.palm.normal) < 0.002
-                and np.linalg.norm(tick.person.palm.position - state.palm.position) < 0.04
+            work.append(tick.pose.hinges - tick.generated.hinges)
+            times.append(1e-9 * frame.source_time_ns)
+            if not touched and (
+                touching
+                or (
+                    abs((tick.person.palm.position - state.palm.position) @ state.palm.normal) < 0.002
+                    and np.linalg.norm(tick.person.palm.position - state.palm.position) < 0.04
+                )
             ):
                 errors.append(1e3 * np.linalg.norm(apart))
                 speeds.append((previous - apart) @ state.palm.normal * RATE_HZ)
-                break
+                touched = True
             previous = apart
+        added.append(max(np.abs((b - a) / dt).max() for a, b, dt in zip(work, work[1:], np.diff(times), strict=False)))
     rows = result["rows"]
     assert [row["true_error_mm"] for row in rows] == pytest.approx(errors, abs=2e-3)
     assert [row["closing_speed_m_s"] for row in rows] == pytest.approx(speeds, abs=0.01)
+    assert [row["correction_rad_s"] for row in rows] == pytest.approx(added, abs=2e-3)
     assert result["trials"] == 2 and result["missed"] == 0 and result["pairs_drawn"] >= 2
     assert result["true_error_mm"]["max"] == max(row["true_error_mm"] for row in rows)
     assert set(result["by_subject"]) == {SUBJECTS[0].name, SUBJECTS[-1].name}

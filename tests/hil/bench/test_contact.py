@@ -15,6 +15,7 @@ from highfive.hil.arm.contact_outcome import OutcomeSettings, notice, with_known
 from highfive.hil.bench.contact import ContactOptions, bench_contact, twin_loop
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.session.session import RATE_HZ
+from highfive.hil.trials.locked_set import locked_trials
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.store import load_model
@@ -133,6 +134,33 @@ def test_a_contact_that_is_foretold_exactly_is_so_from_when_it_was_first_spoken_
 def test_a_map_that_cannot_be_drawn_is_reported_before_anything_is_run(player, picture, said, tmp_path: Path) -> None:
     with pytest.raises(HighFiveError, match=said):
         bench_contact(ContactOptions(players=(player,), picture=tmp_path / picture), load_model(DEFAULT_MODEL), quiet)
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (ContactOptions(locked=True, seed=7), "leave --seed out: the locked set"),
+        (ContactOptions(locked=True, picture=Path("map.png")), "leave --picture out: the locked set"),
+    ],
+)
+def test_the_locked_set_has_its_own_people(options: ContactOptions, said: str) -> None:
+    with pytest.raises(HighFiveError, match=said):
+        bench_contact(options, load_model(DEFAULT_MODEL), quiet)
+
+
+@pytest.mark.slow(10)
+def test_the_twin_meets_people_of_the_locked_set_who_have_names() -> None:
+    chosen = [trial for trial in locked_trials() if (trial.emotion, trial.cell) == ("neutral", "B2")]
+    assert chosen
+    options = ContactOptions(("neutral",), ("B2",), ("avatar", "twin"), locked=True)
+    result = bench_contact(options, load_model(DEFAULT_MODEL), quiet)
+    assert result["locked"] and result["high_fives"] == len(chosen)
+    assert [row["subject"] for row in result["rows"]] == 2 * [trial.name for trial in chosen]
+    of = result["twin"]
+    able = [row for row in result["rows"] if row["player"] == "twin" and row["possible"]]
+    assert of["error_mm"]["p95"] == pytest.approx(np.percentile([row["error_mm"] for row in able], 95), abs=0.01)
+    missed = [f"{row['subject']} neutral B2" for row in able if not row["touched"]]
+    assert of["missed"] == missed
 
 
 def test_a_worse_contact_fails_with_a_table() -> None:

@@ -219,7 +219,8 @@ def _sequences(windows: Windows) -> dict[int, NDArray[np.int64]]:
 
 def window_preset(preset: Preset, windows: Windows) -> Preset:
     """A preset whose back constraint sees what a window holds."""
-    return replace(preset, history=tuple(np.arange(1, windows.history.shape[1]) / RATE_HZ))
+    earlier: int = windows.history.shape[1]
+    return replace(preset, history=tuple(frame / RATE_HZ for frame in range(1, earlier)))
 
 
 def window_set(windows: Windows) -> TrainingSet:

@@ -27,7 +27,7 @@ from highfive.model.gp.posterior import Posterior
 from highfive.model.gp.streaming import Evidence, evidence, function_variance, means, updated
 from highfive.model.hgpdm.arm_features import arm_history, have_arms, with_arms
 from highfive.model.hgpdm.contact_layer import ArmContactLayer, ContactLayer, pooled
-from highfive.model.hgpdm.contact_training import approaches, calibration, precision
+from highfive.model.hgpdm.contact_training import approaches, calibration, knuckle_speed, precision
 from highfive.model.hgpdm.dataset import hand_history, training_set
 from highfive.model.hgpdm.tempo import tempo_history
 from highfive.model.hgpdm.trained import HGPDM
@@ -149,8 +149,9 @@ def adapt(
     contact, arm, contact_points, forecast, by_arm = None, None, None, None, None
     if model.contact is not None:
         contact_points = _contact_points(model, learned, settings)
+        speed, _, _ = approaches(learned, knuckle_speed)
         forecast = _adapted(_layer(model.contact.posterior, 0), contact_points, seed, settings)
-        contact = ContactLayer(forecast.posterior, _scales(model.contact, contact_points, forecast))
+        contact = ContactLayer(forecast.posterior, _scales(model.contact, contact_points, speed, forecast))
         if model.arm_contact is not None and have_arms(learned):
             features, layer = model.arm_contact.features, model.arm_contact.layer
             armed = with_arms(learned)
@@ -159,7 +160,7 @@ def adapt(
             points = contact_points.of(rows)._replace(inputs=inputs)
             points = points._replace(trial=np.searchsorted(armed, points.trial))
             by_arm = _adapted(_layer(layer.posterior, 0), points, seed, settings)
-            scales = _scales(layer, points, by_arm, forecast.of(rows))
+            scales = _scales(layer, points, speed[rows], by_arm, forecast.of(rows))
             arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, scales))
     posterior = _with_noise(avatar, avatar_points)
     about: dict[str, object] = {"adapted_from": model.data_hash, "adapted_trials": len(learned), "share": avatar.share}
@@ -215,7 +216,7 @@ def _contact_points(model: HGPDM, trials: Sequence[Trial], settings: AdaptationS
     return _Points(np.asarray(model.feature_map(seen)), left, counts, None, number)
 
 
-def _scales(layer: ContactLayer, points: _Points, own: _Chosen, hand: _Chosen | None = None) -> Array:
+def _scales(layer: ContactLayer, points: _Points, speed: Array, own: _Chosen, hand: _Chosen | None = None) -> Array:
     """Calibration of an adapted layer by trials left out, pooled with what the ``hand``'s says; of one trial, as
     before."""
     if own.error is None or own.variance is None:
@@ -223,7 +224,7 @@ def _scales(layer: ContactLayer, points: _Points, own: _Chosen, hand: _Chosen | 
     error, variance = own.error, _variances(own.posterior, own.variance)
     if hand is not None and hand.error is not None and hand.variance is not None:
         error, variance = pooled(error, hand.error), pooled(variance, _variances(hand.posterior, hand.variance))
-    return calibration(error, variance, points.values, points.trial)
+    return calibration(error, variance, points.values, speed, points.trial)
 
 
 def _layer(posterior: Posterior, joints: int) -> _Layer:

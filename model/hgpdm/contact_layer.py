@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from highfive.model.compiled import compiled_entry
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm.arm_features import ArmFeatures
@@ -24,6 +25,8 @@ BEGIN, END = 0.9, -0.3  # s before contact, of the frames that the layer learns 
 REGION = 0.9  # share of contacts that the calibrated regions hold
 ARM_SHARE = 2.0 / 3.0  # of the arm's layer in a pooled forecast; by the training trials, see fit_contact_layers
 KNOTS = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8])  # s of forecast time at which it is calibrated
+SPEEDS = np.array([0.1, 0.35, 1.2])  # m/s of the knuckles at which it is, too
+SPEED_SPAN = 0.1  # s over which that speed is measured
 
 
 @dataclass(frozen=True)
@@ -32,17 +35,40 @@ class ContactLayer:
 
     Attributes:
         posterior: from the features to the way (3, m) from the knuckles to the contact point, and the time (1, s).
-        scales: (KNOTS, 2) factors of the variances of way and time at the forecast times ``KNOTS``.
+        scales: (KNOTS, SPEEDS, 2) factors of the variances of way and time at the forecast times ``KNOTS`` and the
+            speeds ``SPEEDS``.
     """
 
     posterior: Posterior
     scales: Array
 
-    def calibrated(self, time: float, covariance: Array) -> Array:
-        """Covariance (4, 4) of a forecast of that time, as cross-validation says it must be."""
-        way, clock = (np.sqrt(np.interp(time, KNOTS, self.scales[:, column])) for column in (0, 1))
-        factors = np.array([way, way, way, clock])
+    def calibrated(self, time: float, speed: float, covariance: Array) -> Array:
+        """Covariance (4, 4) of a forecast of that time, s, for knuckles of that speed, m/s, as cross-validation says it
+        must be: where a quick hand ends is known less well than its time, of a slow one the other way round."""
+        factors = _deviation_factors(self.scales, KNOTS, SPEEDS, time, speed)
         return covariance * factors * factors[:, None]
+
+
+@compiled_entry
+def _deviation_factors(scales: Array, knots: Array, speeds: Array, time: float, speed: float) -> Array:
+    """Factors (4,) of the standard deviations of way and time between those (KNOTS, SPEEDS, 2) of the variances at
+    ``knots``, s, and ``speeds``, m/s: linear in time and in the logarithm of the speed, beyond them those of the last.
+    """
+    row, down = 0, 0.0
+    for i in range(1, len(knots)):
+        if time > knots[i - 1]:
+            row, down = i - 1, min((time - knots[i - 1]) / (knots[i] - knots[i - 1]), 1.0)
+    column, right = 0, 0.0
+    for i in range(1, len(speeds)):
+        if speed > speeds[i - 1]:
+            column, right = i - 1, min(np.log(speed / speeds[i - 1]) / np.log(speeds[i] / speeds[i - 1]), 1.0)
+    factors = np.empty(4)
+    for channel in range(2):
+        upper = (1.0 - right) * scales[row, column, channel] + right * scales[row, column + 1, channel]
+        lower = (1.0 - right) * scales[row + 1, column, channel] + right * scales[row + 1, column + 1, channel]
+        factors[3 * channel] = np.sqrt((1.0 - down) * upper + down * lower)
+    factors[1:3] = factors[0]
+    return factors
 
 
 @dataclass(frozen=True)

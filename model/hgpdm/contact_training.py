@@ -25,6 +25,8 @@ from highfive.model.hgpdm.contact_layer import (
     END,
     KNOTS,
     REGION,
+    SPEED_SPAN,
+    SPEEDS,
     ArmContactLayer,
     ContactLayer,
     pooled,
@@ -55,6 +57,10 @@ class ContactTrainingSettings(Settings):
     """Around a knot whose frames count for it, at least."""
     fewest: int = setting(30, "frames", least=1)
     """Around a knot, at least."""
+    share: float = setting(1.0 / 3.0, above=0.0, most=1.0)
+    """Of the frames around a knot those that are nearest to a speed count for it, at least so many of them,"""
+    alike: int = setting(20, "trials", least=1)
+    """and of so many trials: of fewer nobody could tell a region that nine in ten keep."""
 
     @property
     def noise(self) -> tuple[float, float]:
@@ -129,7 +135,8 @@ def fit_contact_layers(
         check_arms(trials)
     hands, left, number = approaches(trials, lambda trial, times: hand_history(trial, times, history))
     hand = _fitted(np.asarray(feature_map(hands)), left, number, inducing, seed, progress, settings)
-    hand_layer = ContactLayer(hand.posterior, _calibration(hand, left, number, settings))
+    speed, _, _ = approaches(trials, knuckle_speed)
+    hand_layer = ContactLayer(hand.posterior, _calibration(hand, left, speed, number, settings))
     if not whole_arm:
         return hand_layer, None
     armed = with_arms(trials)
@@ -139,9 +146,8 @@ def fit_contact_layers(
     features = fit_arm_features(arms, tempo)
     arm = _fitted(features(arms, tempo), left, number, inducing, seed, progress, settings)
     both = _Fitted(arm.posterior, pooled(arm.error, hand.error[rows]), pooled(arm.variance, hand.variance[rows]))
-    return hand_layer, ArmContactLayer(
-        features, ContactLayer(arm.posterior, _calibration(both, left, number, settings))
-    )
+    scales = _calibration(both, left, speed[rows], number, settings)
+    return hand_layer, ArmContactLayer(features, ContactLayer(arm.posterior, scales))
 
 
 class _Fitted(NamedTuple):
@@ -192,36 +198,57 @@ def _folds(number: NDArray[np.int64], settings: ContactTrainingSettings) -> int:
     return folds if folds > 1 else 0
 
 
-def _calibration(fitted: _Fitted, left: Array, number: NDArray[np.int64], settings: ContactTrainingSettings) -> Array:
-    """Factors (KNOTS, 2) by what was said of trials that were left out; of one trial alone, ones."""
+def knuckle_speed(trial: Trial, times: Array) -> Array:
+    """Mean speed (T,) of a trial's knuckles over :data:`SPEED_SPAN` before ``times`` (T,) s, m/s."""
+    knuckles = hand_history(trial, times, (SPEED_SPAN,))[:, :, KNUCKLES]
+    return np.linalg.norm(knuckles[:, 0] - knuckles[:, 1], axis=1) / SPEED_SPAN
+
+
+def _calibration(
+    fitted: _Fitted, left: Array, speed: Array, number: NDArray[np.int64], settings: ContactTrainingSettings
+) -> Array:
+    """Factors by what was said of trials that were left out; of one trial alone, ones."""
     if not _folds(number, settings):
-        return np.ones((len(KNOTS), 2))
-    return calibration(fitted.error, fitted.variance, left, number, settings)
+        return np.ones((len(KNOTS), len(SPEEDS), 2))
+    return calibration(fitted.error, fitted.variance, left, speed, number, settings)
 
 
 def calibration(
-    error: Array, variance: Array, left: Array, number: NDArray[np.int64],
+    error: Array, variance: Array, left: Array, speed: Array, number: NDArray[np.int64],
     settings: ContactTrainingSettings = CONTACT_TRAINING,
 ) -> Array:  # fmt: skip
-    """Factors (KNOTS, 2) by errors and variances (n, 4) of trials ``number`` (n,) that were left out.
+    """Factors (KNOTS, SPEEDS, 2) by errors and variances (n, 4) of trials ``number`` (n,) that were left out.
 
-    ``left`` (n, 4) is what was left of way and time.
+    They make the regions hold ``REGION`` of the frames that are forecast at about each knot's time, of knuckles about
+    as fast. The level is raised as in split conformal prediction (Vovk et al. 2005), and kept for each group by itself
+    (Mondrian conformal prediction, the same), with trials for examples: frames of a trial err together.
+
+    Args:
+        error, variance: of way and time.
+        left: (n, 4), what was left of them.
+        speed: (n,) m/s, of the knuckles.
+        number: of whom a frame is.
+        settings: how many frames and trials make a group.
     """
-    squares = error**2 / variance
-    return _scales(left[:, 3] + error[:, 3], squares, int(number[-1]) + 1, settings)
-
-
-def _scales(time: Array, squares: Array, trials: int, settings: ContactTrainingSettings = CONTACT_TRAINING) -> Array:
-    """Factors (KNOTS, 2) that make the regions hold ``REGION`` of the frames forecast at about each knot's time.
-
-    The level is raised as in split conformal prediction (Vovk et al. 2005), with trials for examples: frames of a trial
-    err together.
-    """
-    level = min(REGION * (1.0 + 1.0 / trials), 1.0)
-    scales = np.empty((len(KNOTS), 2))
+    time, squares = left[:, 3] + error[:, 3], error**2 / variance
+    scales = np.empty((len(KNOTS), len(SPEEDS), 2))
     for row, knot in enumerate(KNOTS):
         distance = np.abs(time - knot)
         near = distance <= max(settings.span, np.sort(distance)[min(settings.fewest, len(distance)) - 1])
-        for column, part in enumerate((squares[near, :3], squares[near, 3:])):
-            scales[row, column] = np.quantile(part.sum(axis=1), level) / chdtri(part.shape[1], 1.0 - REGION)
+        for column, usual in enumerate(SPEEDS):
+            group = np.flatnonzero(near)[_alike(speed[near], number[near], usual, settings)]
+            level = min(REGION * (1.0 + 1.0 / len(np.unique(number[group]))), 1.0)
+            for channel, part in enumerate((squares[group, :3], squares[group, 3:])):
+                found = np.quantile(part.sum(axis=1), level)
+                scales[row, column, channel] = found / chdtri(part.shape[1], 1.0 - REGION)
     return np.maximum(scales, 1e-3)
+
+
+def _alike(
+    speed: Array, number: NDArray[np.int64], usual: float, settings: ContactTrainingSettings
+) -> NDArray[np.int64]:
+    """Of frames (n,) of trials ``number`` those whose speed is nearest to a usual one, by its logarithm."""
+    order = np.argsort(np.abs(np.log(np.maximum(speed, SPEEDS[0])) - np.log(usual)), kind="stable")
+    _, first = np.unique(number[order], return_index=True)  # where each trial comes in
+    last = np.sort(first)[min(settings.alike, len(first)) - 1]
+    return order[: max(last + 1, round(settings.share * len(order)), min(settings.fewest, len(order)))]

@@ -18,7 +18,7 @@ from highfive.model.geometry.arm_chain import ArmChain
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.posterior import MotionParameters, Posterior
 from highfive.model.hgpdm.arm_features import SIZE, ArmFeatures
-from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, ArmContactLayer, ContactLayer
+from highfive.model.hgpdm.contact_layer import CHANNELS, KNOTS, SPEEDS, ArmContactLayer, ContactLayer
 from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS
 from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.intent_features import SIZE as INTENT_SIZE
@@ -218,7 +218,7 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         interaction=_layer("interaction", arrays),
         human=_layer("human", arrays),
         avatar=_layer("avatar", arrays),
-        contact=ContactLayer(_layer("contact", arrays), arrays["contact.scales"])
+        contact=ContactLayer(_layer("contact", arrays), _by_speed(arrays["contact.scales"]))
         if "contact.scales" in arrays
         else None,
         start_mean=arrays["start_mean"],
@@ -231,7 +231,7 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         learning_curve=arrays.get("learning_curve", np.zeros(0)).astype(np.float32),
         arm_contact=ArmContactLayer(
             _arm_features("arm_features", arrays),
-            ContactLayer(_layer("arm_contact", arrays), arrays["arm_contact.scales"]),
+            ContactLayer(_layer("arm_contact", arrays), _by_speed(arrays["arm_contact.scales"])),
         )
         if "arm_contact.scales" in arrays
         else None,
@@ -368,9 +368,14 @@ def _check_task_space(space: TaskSpace, joints: int) -> None:
         raise ValueError(f"a palm carried by joints {chain.joints.tolist()}, of {joints // 3}")
 
 
+def _by_speed(scales: Array) -> Array:
+    """Factors of a contact layer; a model of before knows them by time alone."""
+    return np.repeat(scales[:, None], len(SPEEDS), axis=1) if scales.ndim == 2 else np.array(scales)
+
+
 def _check_scales(layer: ContactLayer) -> None:
-    if layer.scales.shape != (len(KNOTS), 2):
-        raise ValueError(f"a calibration of shape {layer.scales.shape}, expected {(len(KNOTS), 2)}")
+    if layer.scales.shape != (expected := (len(KNOTS), len(SPEEDS), 2)):
+        raise ValueError(f"a calibration of shape {layer.scales.shape}, expected {expected}")
 
 
 def _check_layer(name: str, layer: Posterior, inputs: int, outputs: int) -> None:

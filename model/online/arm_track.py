@@ -92,7 +92,7 @@ class ArmTrack:
         self.reset()
         ticks = np.zeros((self._ticks.shape[1], 2, COORDINATES))
         arm = LastArm(ticks, np.zeros(STATE), 0.0, ARM_SHARE)
-        self.forecast(arm, np.zeros(3), (np.zeros(CHANNELS), np.eye(CHANNELS)))
+        self.forecast(arm, np.zeros(3), 0.0, (np.zeros(CHANNELS), np.eye(CHANNELS)))
         self.pose(arm, np.full(styles, 1.0 / styles))
 
     def reset(self) -> None:
@@ -149,12 +149,13 @@ class ArmTrack:
             self._last = last._replace(ago=last.ago + seconds, share=max(last.share - change, 0.0))
         return self._last if self._last is not None and self._last.share > 0.0 else None
 
-    def forecast(self, arm: LastArm, knuckles: Array, hand: tuple[Array, Array]) -> ContactForecast:
+    def forecast(self, arm: LastArm, knuckles: Array, speed: float, hand: tuple[Array, Array]) -> ContactForecast:
         """Where and when the palms will meet, by an arm, and by what the hand's layer says.
 
         Args:
             arm: it.
             knuckles: (3,) m, now, of the hand.
+            speed: m/s, of theirs.
             hand: way and time left by its layer, (4,) and (4, 4).
         """
         features = self._features
@@ -167,7 +168,7 @@ class ArmTrack:
         by_arm[3] -= arm.ago
         share = arm.share * known
         left, doubt = (pooled(one, other, share) for one, other in zip((by_arm, covariance), hand, strict=True))
-        return contact_forecast(knuckles, left, doubt, self._layer)
+        return contact_forecast(knuckles, speed, left, doubt, self._layer)
 
     def pose(self, arm: LastArm | None, style: Array) -> PoseByArm:
         """What an arm says of the pose, and its share in the pool.

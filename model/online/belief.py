@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.gp.posterior import Posterior, motion_parameters
+from highfive.model.hgpdm.contact_layer import SPEED_SPAN
 from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.dynamics import dynamics_input, dynamics_mean
 from highfive.model.hgpdm.intent_features import HISTORY
@@ -239,7 +240,13 @@ class Filter:
         """Where and when the palms will meet, as the hand's last ticks say; None where nothing was learned of it."""
         if self._contact is None or (found := self.contact_left(belief)) is None:
             return None
-        return contact_forecast(belief.hands[0, 0, KNUCKLES], *found, self._contact)
+        return contact_forecast(belief.hands[0, 0, KNUCKLES], self.knuckle_speed(belief), *found, self._contact)
+
+    def knuckle_speed(self, belief: Belief) -> float:
+        """m/s, over :data:`~highfive.model.hgpdm.contact_layer.SPEED_SPAN`, in whole ticks."""
+        back = min(max(1, round(SPEED_SPAN / self._seconds)), len(belief.hands) - 1)
+        way = belief.hands[0, 0, KNUCKLES] - belief.hands[back, 0, KNUCKLES]
+        return float(np.linalg.norm(way)) / (max(back, 1) * self._seconds)
 
     def contact_left(self, belief: Belief) -> tuple[Array, Array] | None:
         """Way, m, and time, s, that are left by the contact layer, (4,) and (4, 4), not calibrated."""

@@ -36,17 +36,20 @@ class ContactForecast:
         return replace(self, time=self.time - seconds)
 
 
-def contact_forecast(knuckles: Array, left: Array, covariance: Array, layer: ContactLayer) -> ContactForecast:
+def contact_forecast(
+    knuckles: Array, speed: float, left: Array, covariance: Array, layer: ContactLayer
+) -> ContactForecast:
     """The forecast for a hand whose ``knuckles`` (3,), m, have ``left`` (4,) way and time, as ``layer`` is calibrated.
 
     Args:
         knuckles: in the world.
+        speed: m/s, of theirs.
         left: m and s.
         covariance: (4, 4), as a layer says it.
         layer: whose factors say what it must be.
     """
     time = float(left[3])
-    return ContactForecast(knuckles + left[:3], time, layer.calibrated(time, covariance))
+    return ContactForecast(knuckles + left[:3], time, layer.calibrated(time, speed, covariance))
 
 
 @compiled_entry

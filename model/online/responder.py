@@ -274,7 +274,7 @@ class Responder:
         hand = None if self._arm is None or arm is None else self._filter.contact_left(belief)
         if self._arm is None or arm is None or hand is None:
             return self._filter.forecast_contact(belief)
-        return self._arm.forecast(arm, belief.hands[0, 0, KNUCKLES], hand)
+        return self._arm.forecast(arm, belief.hands[0, 0, KNUCKLES], self._filter.knuckle_speed(belief), hand)
 
     def _in_distribution(self, covariance: Array) -> bool:
         dims = self._model.preset.interaction_dims

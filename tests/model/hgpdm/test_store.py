@@ -2,10 +2,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from safetensors import safe_open
 from safetensors.numpy import save_file
 from same_model import assert_same_model
 
 from highfive.model.errors import HighFiveError
+from highfive.model.hgpdm.contact_layer import KNOTS, SPEEDS
 from highfive.model.hgpdm.store import load_model, save_model
 from highfive.model.hgpdm.trained import HGPDM
 
@@ -20,6 +22,18 @@ def test_load_after_save_is_the_identity(model: HGPDM, path: Path):
     """Of a model that was just trained, too: the fixture ``model`` sees to that when it is made."""
     assert_same_model(load_model(path, "0123456789abcdef"), model)
     assert not list(path.parent.glob("*.partial"))
+
+
+def test_a_model_of_before_knows_no_speed(path: Path):
+    """Its contact layer was calibrated by time alone, which then counts for every speed."""
+    with safe_open(path, "np") as file:
+        arrays, about = {name: file.get_tensor(name) for name in file.keys()}, file.metadata()  # noqa: SIM118
+    arrays["contact.scales"] = np.ascontiguousarray(arrays["contact.scales"][:, 1])
+    save_file(arrays, path, about)
+    layer = load_model(path).contact
+    assert layer is not None and layer.scales.shape == (len(KNOTS), len(SPEEDS), 2)
+    for column in range(len(SPEEDS)):
+        np.testing.assert_array_equal(layer.scales[:, column], arrays["contact.scales"])
 
 
 def test_another_skeleton_is_refused(path: Path):

@@ -9,7 +9,7 @@ from made_up import EMOTIONS, made_up_trial, with_arm
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.arm_features import HISTORY, SIZE, arm_history, fit_arm_features
-from highfive.model.hgpdm.contact_layer import ARM_SHARE
+from highfive.model.hgpdm.contact_layer import ARM_SHARE, SPEED_SPAN
 from highfive.model.hgpdm.contact_training import fit_contact_layers
 from highfive.model.hgpdm.store import load_model, save_model
 from highfive.model.hgpdm.tempo import TEMPO, tempo_history, tempo_of
@@ -93,7 +93,10 @@ def test_a_doubted_point_widens_the_belief_by_what_it_would_change(armed: HGPDM,
                 moved[frame - ago] = ArmPoints(points, np.zeros((3, 3, 3)))
             change = (said(armed, trial, moved)[frame].point - sure.point) / step
             expected += deviation**2 * np.outer(change, change)
-        factor = armed.arm_contact.layer.calibrated(sure.time, np.ones((4, 4)))[0, 0]  # type: ignore[union-attr]
+        knuckles = [trial.hand_points[frame - back, 1] for back in (0, round(SPEED_SPAN * RATE))]
+        speed = float(np.linalg.norm(np.subtract(*knuckles))) / SPEED_SPAN
+        layer = armed.arm_contact.layer  # type: ignore[union-attr]
+        factor = layer.calibrated(sure.time, speed, np.ones((4, 4)))[0, 0]
         assert grown[:3, :3].trace() == pytest.approx(
             factor * expected.trace() / ARM_SHARE, rel=0.15
         )  # covariances are pooled
@@ -197,7 +200,7 @@ def test_a_tempo_that_no_reach_has_leaves_it_to_the_hand(armed: HGPDM, trial: Tr
         tempo = last.tempo.copy()
         tempo[1] = furthest[1] + (beyond - 1.0) * max(furthest[1], 1.0)  # m, of its way
         shares.append(known_tempo(tempo, furthest, value))
-        found = track.forecast(last._replace(tempo=tempo), knuckles, by_hand)
+        found = track.forecast(last._replace(tempo=tempo), knuckles, 0.5, by_hand)
     assert shares == [1.0, 0.0]
     np.testing.assert_allclose([*(found.point - knuckles), found.time], by_hand[0])
 

@@ -2,11 +2,18 @@
 
 import numpy as np
 import pytest
+from scipy.interpolate import RegularGridInterpolator
 from scipy.stats import chi2
 
 from highfive.model.gp import sparse
-from highfive.model.hgpdm.contact_layer import KNOTS, REGION, ContactLayer
-from highfive.model.hgpdm.contact_training import _scales, approaches, fit_contact_layers, precision
+from highfive.model.hgpdm.contact_layer import KNOTS, REGION, SPEEDS, ContactLayer
+from highfive.model.hgpdm.contact_training import (
+    approaches,
+    calibration,
+    fit_contact_layers,
+    knuckle_speed,
+    precision,
+)
 from highfive.model.hgpdm.dataset import KNUCKLES, hand_history
 from highfive.model.hgpdm.features import fit_feature_map
 from highfive.model.hgpdm.trials import Trial
@@ -71,8 +78,9 @@ def test_regions_hold_what_they_promise_of_people_never_seen(fitted) -> None:
     mean = np.asarray(sparse.means(layer.posterior, feature_map(hands)))
     variance = np.asarray(sparse.variances(layer.posterior, feature_map(hands)))
     inside = []
-    for forecast, spread, truth in zip(mean, variance, left, strict=True):
-        covariance = layer.calibrated(forecast[3], np.diag(spread))
+    speeds = approaches(fresh, knuckle_speed)[0]
+    for forecast, spread, truth, speed in zip(mean, variance, left, speeds, strict=True):
+        covariance = layer.calibrated(forecast[3], speed, np.diag(spread))
         error = (forecast - truth)[:3]
         inside.append(error @ np.linalg.solve(covariance[:3, :3], error) < chi2.ppf(REGION, 3))
     assert 0.8 < np.mean(inside) <= 0.98
@@ -89,12 +97,53 @@ def test_a_frame_counts_for_less_the_further_off_its_contact_is() -> None:
 def test_the_calibration_finds_how_wrong_a_variance_is(true: float) -> None:
     rng = np.random.default_rng(0)
     time = rng.uniform(0.0, 0.8, 20000)
-    squares = true * rng.normal(size=(20000, 4)) ** 2
-    np.testing.assert_allclose(_scales(time, squares, 10**6), true, rtol=0.15)
+    error, left = np.sqrt(true) * rng.normal(size=(20000, 4)), np.zeros((20000, 4))
+    left[:, 3] = time - error[:, 3]
+    found = calibration(error, np.ones((20000, 4)), left, rng.uniform(0.0, 2.0, 20000), np.arange(20000))
+    np.testing.assert_allclose(found, true, rtol=0.3)
+
+
+def test_the_calibration_tells_quick_hands_from_slow_ones() -> None:
+    """Of quick hands the place is known less well than was said, of slow ones the time."""
+    rng, count = np.random.default_rng(0), 60000
+    speed = np.exp(rng.uniform(np.log(0.05), np.log(2.4), count))
+    wide = np.array([1.0, 4.0])
+    place, clock = (np.interp(np.log(speed), np.log(SPEEDS[[0, 2]]), each) for each in (wide, wide[::-1]))
+    error, left = rng.normal(size=(count, 4)) * np.column_stack([place] * 3 + [clock]), np.zeros((count, 4))
+    left[:, 3] = rng.uniform(0.0, 0.8, count) - error[:, 3]
+    found = np.sqrt(calibration(error, np.ones((count, 4)), left, speed, np.arange(count)))
+    assert np.all(found[:, 0, 0] < 1.6) and np.all(found[:, 2, 0] > 3.0)
+    assert np.all(found[:, 0, 1] > 3.0) and np.all(found[:, 2, 1] < 1.6)
+
+
+def test_few_trials_are_not_told_apart_by_their_speed() -> None:
+    """Of twenty or fewer every group has frames of all of them."""
+    rng = np.random.default_rng(0)
+    number = np.repeat(np.arange(12), 30)
+    speed = np.repeat(np.exp(rng.uniform(np.log(0.05), np.log(2.4), 12)), 30)
+    error = rng.normal(size=(360, 4)) * np.where(number == 0, 9.0, 1.0)[:, None]  # one is far off, whatever its speed
+    left = np.zeros((360, 4))
+    left[:, 3] = np.tile(np.linspace(0.0, 0.8, 30), 12) - error[:, 3]
+    found = calibration(error, np.ones((360, 4)), left, speed, number)
+    assert found.shape == (len(KNOTS), len(SPEEDS), 2) and np.all(np.isfinite(found))
+
+
+def test_factors_are_interpolated_in_time_and_in_the_logarithm_of_the_speed() -> None:
+    rng = np.random.default_rng(0)
+    layer = ContactLayer(None, rng.uniform(0.5, 4.0, (len(KNOTS), len(SPEEDS), 2)))
+    known = RegularGridInterpolator((KNOTS, np.log(SPEEDS)), layer.scales)
+    for time, log_speed in rng.uniform([-0.3, np.log(0.02)], [1.2, np.log(5.0)], (200, 2)):
+        speed = np.exp(log_speed)
+        inside = np.clip(time, KNOTS[0], KNOTS[-1]), np.log(np.clip(speed, SPEEDS[0], SPEEDS[-1]))
+        place, clock = known(np.array([inside]))[0]
+        found = layer.calibrated(time, speed, np.eye(4))
+        np.testing.assert_allclose(found, np.diag([place, place, place, clock]), rtol=1e-9)
+    np.testing.assert_array_equal(layer.calibrated(0.2, 0.0, np.eye(4)), layer.calibrated(0.2, SPEEDS[0], np.eye(4)))
 
 
 def test_a_calibrated_covariance_is_one(fitted) -> None:
     layer = fitted(0.03, 60)[0]
     factor = np.random.default_rng(0).normal(size=(4, 4))
     for time in (-1.0, *KNOTS, 9.0):
-        assert np.linalg.eigvalsh(layer.calibrated(time, factor @ factor.T)).min() > 0.0
+        for speed in (0.0, *SPEEDS, 9.0):
+            assert np.linalg.eigvalsh(layer.calibrated(time, speed, factor @ factor.T)).min() > 0.0

@@ -63,6 +63,7 @@ def effects(result: dict[str, Any], people: Sequence[PersonCounts]) -> Drawing |
     axes.plot(found["interval"], [0, 0], color=_LOOKS["interactive"][0], lw=5.0, alpha=0.5, solid_capstyle="butt")
     axes.plot(found["mean"], 0, "D", color=_LOOKS["interactive"][0], ms=7)
     axes.set_yticks([*places.tolist(), 0], [*(_text(person.participant) for person in people), "all"])
+    axes.set_ylim(-0.6, len(people) + 0.6)
     axes.tick_params(axis="y", length=0)
     axes.set_xlabel("interactive − replay, logit")
     caption = (

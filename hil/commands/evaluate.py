@@ -38,6 +38,8 @@ from highfive.model.evaluation.mixture_reach import MixtureReach, mixture_foreca
 from highfive.model.evaluation.splits import Fold, leave_out, left_out_in_turn, own_split
 from highfive.model.files import UNFINISHED
 from highfive.model.gp.optimise import ProgressCallback
+from highfive.model.hgpdm.dataset import MINIMUM_POINTS
+from highfive.model.hgpdm.memory import points_of
 from highfive.model.hgpdm.presets import Preset, preset_named
 from highfive.model.hgpdm.store import load_model
 from highfive.model.hgpdm.trials import Trial
@@ -187,6 +189,14 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path
     return _reported(result, options.out, None, ())
 
 
+def _check_counts(folds: Sequence[Fold], preset: Preset) -> None:
+    """Raises HighFiveError, before any training, of a number of trials that is too few to learn from."""
+    for fold in folds:
+        if (points := points_of(fold.trials, preset).points) < MINIMUM_POINTS:
+            least = f"{points} training points, at least {MINIMUM_POINTS} are needed"
+            raise HighFiveError(f"--learning-curve: {fold.name} gives {least}; leave that number out")
+
+
 def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
     rows = read_table(folder)
@@ -210,6 +220,8 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     others = {name: learner(name) for name in options.also}
     prior = None if options.start is None else model_to_adapt(options.start)
     parts = [draws(trials, options.learning_curve, seed) for seed in range(options.seeds)]
+    if options.learning_curve:
+        _check_counts([fold for drawn in parts for fold in drawn], preset)
     each = len(parts[0]) if options.learning_curve else trainings(folds, options.leave_out)
     count = TrainingCount(bar, options.seeds * each, say_aside)
 

@@ -1,4 +1,6 @@
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +11,8 @@ from highfive.hil.cli.main import app
 from highfive.hil.commands.evaluate import EvaluateOptions, after_interruption
 from highfive.hil.sim.people.actors import simulate_pair
 from highfive.hil.sim.people.capture import Defects, record_pair
-from highfive.mocap_bridge.files.c3d import write_c3d
-from highfive.mocap_bridge.files.trial_table import write_table
+from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
+from highfive.mocap_bridge.files.trial_table import read_table, write_table
 from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 from highfive.model.files import UNFINISHED
@@ -32,6 +34,10 @@ def file(tmp_path: Path) -> Path:
         arrays[f"{part}_action"] = np.arange(count) % 2
     np.savez(tmp_path / "windows.npz", **arrays)
     return tmp_path / "windows.npz"
+
+
+FRAMES = ("points", "valid", "unlabelled", "unlabelled_valid")
+"""Of a recording, what it has of each frame."""
 
 
 def run(*arguments: object):
@@ -115,6 +121,20 @@ def test_what_cannot_be_scored_is_said_in_one_line(file: Path, arguments: list[s
     assert isinstance(error, HighFiveError)
     assert message in str(error)
     assert "\n" not in str(error)
+
+
+@pytest.mark.slow
+def test_a_number_of_trials_that_is_too_few_to_learn_from_is_named_before_any_training(captured: Path, tmp_path: Path):
+    rows = []
+    for row, split in zip(read_table(captured)[:3], ("train", "train", "test"), strict=True):
+        whole = read_c3d(captured / row.file)
+        half = slice(len(whole) // 4, len(whole) * 3 // 4)
+        write_c3d(tmp_path / row.file, replace(whole, **{name: getattr(whole, name)[half] for name in FRAMES}))
+        rows.append((row.file, row.emotion, row.cell, "1", split))
+    write_table(tmp_path, rows)
+    error = run(tmp_path, "--learning-curve", "1,2", "--seeds", 1, "--inducing", 12).exception
+    assert isinstance(error, HighFiveError), error
+    assert re.search(r"--learning-curve: 1 a style gives \d\d training points, at least 50 are needed", str(error))
 
 
 @pytest.mark.slow(70)

@@ -121,7 +121,7 @@ def play(
                         options, number, trouble, recorder, watch, view, first=not results, empty=not kept.begun
                     )
                     return replace(played, interrupted=True, why=trouble)
-                result = replace(result, style=programme.style_name(style))
+                result = replace(result, style=kept.style)
                 kept.end(result)
                 arm = None if watch is None else _arm_of(number, watch, result.style, partner, recorder)
                 results.append(result if len(results) < WHOLE else result.condensed())
@@ -184,6 +184,7 @@ class Kept:
 
     Attributes:
         head: number, person and style.
+        style: in which the avatar answers now: another one than at first where somebody changed it.
         paced: its ticks go by the clock.
         streams: events of the sources.
         over: it was judged.
@@ -201,7 +202,7 @@ class Kept:
         self.paced, self.streams = head.paced, recorder.streams
         self._recorder, self.head, self._watch = recorder, head, watch
         self._session, self._replay = session, replay
-        self._asked = session.weights, session.corrects
+        self._asked, self.style = (session.weights, session.corrects), head.style
         self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
         self._begun = self.over = False
 
@@ -214,11 +215,11 @@ class Kept:
         self.record_arm()
         happened = self._events(tick, state)
         for event in ["trial_start", *happened] if first else happened:
-            self._recorder.record_event(event, begins.at_ns, style=self.head.style, **self._about)
+            self._recorder.record_event(event, begins.at_ns, style=self.style, **self._about)
         if (asked := (self._session.weights, self._session.corrects)) != self._asked:
-            self._asked = asked
+            self._asked, self.style = asked, style_name(asked[0])
             about = {"weights": dict(asked[0]), "corrects": asked[1], **self._about}
-            self._recorder.record_event("answer_changed", begins.at_ns, style=style_name(asked[0]), **about)
+            self._recorder.record_event("answer_changed", begins.at_ns, style=self.style, **about)
         if self._replay is not None:
             self._replay.check(self.head.number, tick)
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 from highfive.hil.commands.simulate_options import SimulateOptions
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.trials.partners import Partner, simulated_partners
-from highfive.hil.trials.trial import style_name
 from highfive.hil.trials.trial_result import TrialResult
 
 if TYPE_CHECKING:
@@ -63,11 +62,6 @@ class Programme:
         self.ended = self.ended or wish == "end"
         if wish == "again":
             self._queue.appendleft(partner)
-
-    def style_name(self, style: Mapping[str, float]) -> str:
-        """Of the style in which was played in the end, if it began in ``style``."""
-        asked = None if self._view is None else self._view.weights
-        return style_name(asked or style)
 
     def judged(self, result: TrialResult, partner: Partner) -> None:
         """A high five is over."""

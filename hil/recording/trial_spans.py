@@ -64,8 +64,11 @@ class TrialSpan:
         return f"{' and '.join(missing)} not recorded" if missing else "too few ticks of avatar and person together"
 
     def text(self, name: str) -> str:
-        """What ``/trial`` says of it (``emotion``, ``style``, ``cell``, ``title``); '' where it says nothing."""
-        value = self.about.get(name)
+        """What ``/trial`` says of it (``emotion``, ``style``, ``cell``, ``title``); '' where it says nothing.
+
+        The style is the one in which it was judged, in which it ended, where somebody changed it on the way.
+        """
+        value = (self.contact.get(name) if name == "style" else None) or self.about.get(name)
         return value if isinstance(value, str) else ""
 
 

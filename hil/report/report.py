@@ -23,6 +23,7 @@ from highfive.hil.runtime.folders import write_file
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.trials.summary import FAR_OFF_MM, SessionSettings, kind
 from highfive.hil.trials.targets import Target, targets
+from highfive.hil.trials.trial import style_name
 from highfive.hil.trials.trial_result import TrialResult
 from highfive.model.errors import HighFiveError
 
@@ -132,7 +133,7 @@ def _arm(summary: dict[str, Any], drawn: Mapping[str, Drawing]) -> str:
 
 def _subtitle(summary: dict[str, Any]) -> str:
     trials = counted(summary["trials"], "trial")
-    if summary["simulated"] and not summary["style"]:
+    if summary["simulated"] and not summary["style"] and not _style_changed(summary):
         mood = "each answered in the emotion of the person"
     else:
         styles = [escape(style) for style in summary["contact_error_mm"]["by_emotion"]]
@@ -142,6 +143,12 @@ def _subtitle(summary: dict[str, Any]) -> str:
         mood += "; the person herself is " + " or ".join(escape(emotion) for emotion in people)
     source = f", {escape(summary['source'])}" if summary["source"] else ""
     return f"{trials}{source}, {mood}. Model {escape(str(summary['model']))}, seed {summary['seed']}."
+
+
+def _style_changed(summary: dict[str, Any]) -> bool:
+    """On the page, while it ran."""
+    asked = style_name(summary["style"]) if summary["style"] else None
+    return any(row["style"] not in (None, asked or row["person_emotion"]) for row in summary["rows"])
 
 
 def _badges(summary: dict[str, Any]) -> str:
@@ -294,10 +301,12 @@ def _reproduce(summary: dict[str, Any], settings: SessionSettings) -> str:
     }
     listed = "".join(f"<dt>{escape(name)}</dt><dd>{escape(value)}</dd>" for name, value in facts.items())
     command = f"<pre>{escape(settings.command)}</pre>" if settings.command else ""
+    kept = "is in <code>session.mcap</code>, which <code>simulate --source</code> plays again."
     again = (
-        "A live hand never moves the same again: what it did, and what it was answered, is in "
-        "<code>session.mcap</code>."
+        f"A live hand never moves the same again: what it did, and what it was answered, {kept}"
         if summary["live"]
+        else f"The style was changed on the page: what was answered {kept}"
+        if _style_changed(summary)
         else "The same seed, model and versions give the same trajectories and contact figures, bit for bit; timings "
         "are of the machine."
     )

@@ -13,7 +13,7 @@ from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import say_aside
 from highfive.hil.view.commands import Command
 from highfive.hil.view.live_page import LivePage
-from highfive.hil.view.recorded import RecordedTrial, RecordedTrials, met_time_of, readable_from, style_of
+from highfive.hil.view.recorded import RecordedTrial, RecordedTrials, met_time_of, readable_from
 from highfive.hil.view.wire import PoseMessage
 from highfive.model.geometry.rotations import Array
 
@@ -184,7 +184,7 @@ def trial_line(span: TrialSpan) -> dict[str, Any]:
     return {
         "number": span.number + 1,
         "title": span.text("title"),
-        "style": style_of(span),
+        "style": span.text("style"),
         "cell": span.text("cell"),
         "met": contact.get("met"),
         "contact_s": met_time_of(contact),

@@ -14,7 +14,6 @@ from jaxtyping import Bool, Float
 
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader, read_session
-from highfive.hil.recording.trial_spans import TrialSpan
 from highfive.hil.session.contact_time import REACHING, SURE_S
 from highfive.hil.sim.avatar import Pose, avatar_skeleton
 from highfive.hil.sim.person import PersonBodies
@@ -197,7 +196,7 @@ def _trial(high_five: RecordedHighFive, scene: Scene, rig: str) -> RecordedTrial
     points, seen = _markers([markers.get(time) for time in times])
     return RecordedTrial(
         title=span.text("title"),
-        style=style_of(span),
+        style=span.text("style"),
         cell=span.text("cell"),
         times=1e-9 * (np.array(times) - times[0]),
         bodies=bodies,
@@ -217,12 +216,6 @@ def met_time_of(contact: Mapping[str, Any]) -> float | None:
     """When the palms met, s from the first tick; None where they did not."""
     time = contact.get("met_time")
     return float(time) if isinstance(time, int | float) else None
-
-
-def style_of(span: TrialSpan) -> str:
-    """In which the avatar answered; '' where that is not known."""
-    judged = span.contact.get("style")
-    return judged if judged and isinstance(judged, str) else span.text("style")
 
 
 def placed_bodies(scene: Scene, poses: Sequence[Pose], people: Sequence[HumanArm]) -> tuple[Array, Array]:

@@ -61,6 +61,8 @@ def test_names_of_files_end_in_the_style():
         ({"style": "../../x"}, "s_trial04_..-..-x.glb"),
     ):
         assert trial_names("s", [replace(span, about=about)], ".glb") == [name]
+    changed = replace(span, about={"style": "happy"}, contact={"style": "sad", "met": True})  # on the page, meanwhile
+    assert trial_names("s", [changed], ".glb") == ["s_trial04_sad.glb"]
 
 
 def test_a_trial_that_cannot_be_read_begins_all_the_same():

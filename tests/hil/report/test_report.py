@@ -18,6 +18,7 @@ from highfive.hil.runtime.folders import write_file
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.rendering import NoPictures
 from highfive.hil.trials.summary import SessionSettings, summarise
+from highfive.hil.trials.trial import style_name
 from highfive.model.errors import HighFiveError
 
 SETTINGS = SessionSettings(seed=3, model="default", trials=5, command="highfive simulate --seed 3 && echo <b>")
@@ -129,6 +130,15 @@ def test_a_mixed_style_has_a_column_for_the_person(results, page, tmp_path):
     text = Page(written(tmp_path, mixed, replace(SETTINGS, style={"angry": 0.5, "neutral": 0.5})).read_text()).text
     assert "person" in text and "angry 0.5 + neutral 0.5" in text and "sad" in text
     assert "person" not in Page(page.read_text()).text
+
+
+@pytest.mark.parametrize("style", [None, {"angry": 0.5, "happy": 0.5}])
+def test_the_same_bits_are_promised_only_where_nobody_changed_the_style(style, results):
+    settings = replace(SETTINGS, style=style)
+    kept = [replace(r, style=style_name(style) if style else r.emotion) for r in results]
+    for shown, changed in ((kept, False), ([replace(kept[0], style="sad 0.3 + happy 0.7"), *kept[1:]], True)):
+        text = render_page(summarise(shown, settings), settings, [])
+        assert ("The style was changed on the page" in text) == changed == ("bit for bit" not in text)
 
 
 def test_the_table_of_styles_fits_a_page(results):

@@ -12,6 +12,8 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
 from highfive.hil.commands.simulate import PREPARING
+from highfive.hil.recording.exports.export_file import trial_names
+from highfive.hil.recording.session_reader import read_session
 from highfive.hil.view.browser import Browser, browser_here
 from highfive.hil.view.wire import PoseMessage, decode_poses
 
@@ -33,6 +35,21 @@ class Watched:
     def end(self) -> tuple[int, str]:
         out, _ = self.process.communicate(timeout=120)
         return self.process.returncode, out
+
+
+def check_recorded(folder: Path, changed: str) -> None:
+    """Recording, names of what is exported and report have the style that the second high five was changed to; what
+    happened before, the one that it began in."""
+    recording = read_session(folder / "session.mcap")
+    spans = [span for span in recording.spans if span.number == 1]
+    events = [event.data for span in spans for event in recording.read(span, {"/event"}).of("/event")]
+    assert [span.text("style") for span in spans] == [changed]
+    assert trial_names("s", spans, ".bvh") == ["s_trial02_angry-0.75-sad-0.25.bvh"]
+    said = {event["event"]: event["style"] for event in events if "style" in event}
+    assert said["trial_start"] != changed and said["answer_changed"] == said["trial_end"] == changed, said
+    assert said["hand_raised"] == changed
+    page = (folder / "report.html").read_text("utf-8")
+    assert "each answered in the emotion of the person" not in page and "bit for bit" not in page
 
 
 @pytest.mark.slow
@@ -76,6 +93,7 @@ def test_a_session_is_shown_and_does_what_the_page_asks(tmp_path: Path) -> None:
     assert [contact["met"] for contact in contacts] == [row["met"] for row in summary["rows"]] == [True, False]
     assert touches == 1 and over.endswith("report.html")
     assert contacts[1]["style"] == "angry 0.75 + sad 0.25"
+    check_recorded(tmp_path / "s", "angry 0.75 + sad 0.25")
     assert states[-1]["weights"] == {"angry": 0.75, "sad": 0.25} and not states[-1]["corrected"]
     numbers = [one.number for one in poses]
     assert numbers == sorted(set(numbers))

@@ -83,3 +83,8 @@ def test_links_of_a_page_lead_somewhere(page: Path) -> None:
         assert place.exists(), f"{page.name}: {target}"
         if anchor and place.suffix == ".md":
             assert anchor in heads(place), f"{page.name}: {target}"
+
+
+def test_the_file_of_an_arm_on_its_page_is_that_of_the_example() -> None:
+    page, example = (ROOT / "docs" / "own_arm.md").read_text("utf-8"), ROOT / "examples" / "desk_arm" / "arm.toml"
+    assert f"```toml\n{example.read_text('utf-8')}```" in page

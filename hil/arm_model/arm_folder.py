@@ -154,10 +154,8 @@ def find_arm(arm: str = DEFAULT_ARM) -> ArmFolder:
     folder = ARMS / arm if arm in shipped() else Path(arm)
     path = folder / "arm.toml"
     if not path.is_file():
-        known = f"known are {', '.join(shipped())}, or a folder with an arm.toml"
-        raise HighFiveError(
-            f"there is no arm {arm!r}: {known}, which `highfive rig draft` makes of a URDF or MJCF file"
-        )
+        known = f"known are {', '.join(shipped())}, or a folder with a model and an arm.toml of your own"
+        raise HighFiveError(f"there is no arm {arm!r}: {known}")
     try:
         return _described(folder, read_toml(path, "the arm"))
     except HighFiveError as error:
@@ -221,7 +219,7 @@ def _described(folder: Path, data: Mapping[str, Any]) -> ArmFolder:
 
 
 def _joint(entry: Any, where: str) -> DrivenJoint:
-    check_keys(entry, where, {"name", "servo", "servos", "acceleration"})
+    check_keys(entry, where.removesuffix(": "), {"name", "servo", "servos", "acceleration"})
     servos, model = servo_table(), typed(entry, where, "servo", str)
     if model not in servos:
         raise HighFiveError(f"{where}there is no servo {model!r}; known are {', '.join(servos)}")
@@ -233,7 +231,7 @@ def _joint(entry: Any, where: str) -> DrivenJoint:
 
 
 def _ball(entry: Any, where: str, names: tuple[str, ...]) -> Ball:
-    check_keys(entry, where, {"on", "centre", "radius"}, {"upper"})
+    check_keys(entry, where.removesuffix(": "), {"on", "centre", "radius"}, {"upper"})
     on = typed(entry, where, "on", str)
     if on != "plate":
         _names([on], f"{where}on", names)

@@ -38,6 +38,7 @@ from highfive.hil.bench.locked import locked_partners
 from highfive.hil.bench.retarget import reference_trajectories, references_of
 from highfive.hil.bench.virtual_play import VirtualPlay, default_planner, play_virtually
 from highfive.hil.drivers.latch import Latch
+from highfive.hil.runtime.console import counted
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.runtime.threads import parallel_map, quick_switching
 from highfive.hil.safety.startup import Check
@@ -194,7 +195,7 @@ def read_baseline(path: Path) -> dict[str, float]:
 def print_contact(result: Mapping[str, Any]) -> None:
     """The table and the figures, for people."""
     whom = "people on whom nothing was chosen" if result["locked"] else f"seed {result['seed']}"
-    print(f"{result['high_fives']} high fives, {whom}; error: plate (or palm) to palm where they touch")
+    print(f"{counted(result['high_fives'], 'high five')}, {whom}; error: plate (or palm) to palm where they touch")
     if result["gives_up"]:
         print(f"{result['arm']} gives up {result['gives_up']}")
     if result["virtual"]:

@@ -20,6 +20,7 @@ from highfive.hil.cli.options import (
     Seed,
 )
 from highfive.hil.runtime.console import libraries_aside, print_json, print_result, progress_bars
+from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 
 app = typer.Typer()
@@ -121,10 +122,16 @@ def train(
         print("\n".join(summary(result)))
 
 
+def _shipped(path: Path) -> Path:
+    """The shipped model where ``default`` is given, and nothing here has that name."""
+    return DEFAULT_MODEL if str(path) == "default" and not path.exists() else path
+
+
 @app.command()
 def evaluate(
     paths: Annotated[
-        list[Path] | None, typer.Argument(metavar="[MODEL] [DATA]", help="Data folder; a model's file before it.")
+        list[Path] | None,
+        typer.Argument(metavar="[MODEL] [DATA]", help="Data folder; before it a model's file, or default."),
     ] = None,
     windows: Annotated[Path | None, typer.Option(help="A windows file (.npz) instead of a data folder.")] = None,
     preset: Annotated[str, typer.Option(help="default, or paper: what is trained if no model is given.")] = "default",
@@ -180,7 +187,8 @@ def evaluate(
 
     # What is not there is what its ending says, and whoever reads it says that it is missing.
     files, models, data = [], [], []
-    for path in paths or []:
+    for given in paths or []:
+        path = _shipped(given)
         folder = path.is_dir() or not (path.is_file() or path.suffix in (".npz", ".safetensors"))
         (data if folder else files if path.suffix == ".npz" else models).append(path)
     if len(data) > 1 or len(models) > 1 or len(files) + (windows is not None) > 1:
@@ -234,7 +242,8 @@ def _counts(text: str | None) -> tuple[int, ...]:
 @app.command("observe", hidden=True)  # the name until version 0.2
 def classify_style(
     paths: Annotated[
-        list[Path], typer.Argument(metavar="[MODEL] DATA", help="Data folder to learn from; a model's file before it.")
+        list[Path],
+        typer.Argument(metavar="[MODEL] DATA", help="Data folder to learn from; before it a model's file, or default."),
     ],
     people: Annotated[int, typer.Option(min=1, help="Simulated people, each answered in every style.")] = 36,
     morph: Annotated[str, typer.Option(help="Two styles to go between, in tenths.")] = "neutral,angry",
@@ -249,7 +258,7 @@ def classify_style(
     from highfive.hil.commands.classify_style import ClassifyStyleOptions, classified, print_observations  # noqa: PLC0415
 
     data = [path for path in paths if path.is_dir()]
-    models = [path for path in paths if not path.is_dir()]
+    models = [_shipped(path) for path in paths if not path.is_dir()]
     if len(data) != 1 or len(models) > 1:
         raise HighFiveError("give one data folder, and at most one model before it")
     between = [name.strip() for name in morph.split(",")]

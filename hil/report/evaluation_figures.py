@@ -175,12 +175,14 @@ def by_horizon(result: dict[str, Any], palm: horizons.Errors) -> Drawing:
     right.set_ylabel("palm, median error, cm")
     right.set_title("where the avatar's palm will be, in the reach", fontsize=10, fontweight="normal")
     handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=len(labels), fontsize=9)
+    figure.legend(handles, labels, loc="outside upper center", ncols=(len(labels) + 1) // 2, fontsize=9)
     caption = (
         "Left: error of the contact point that each method names so long before contact. Constant velocity is the "
-        "person's palm going straight on, given the time of contact; dotted: 3 cm, and 200 ms. Right: forecasts "
-        "of the avatar's palm made every 0.1 s of the last 0.6 s before contact; constant velocity is the generated "
-        "palm going straight on, ridge a regression for each horizon. Axes are cut where a method leaves the picture."
+        "person's palm going straight on, given the time of contact; least jerk a reach that ends where its jerk is "
+        "least; Gaussian mixture a regression on hands, places and times together; dotted: 3 cm, and 200 ms. Right: "
+        "forecasts of the avatar's palm made every 0.1 s of the last 0.6 s before contact; constant velocity is the "
+        "generated palm going straight on, ridge a regression for each horizon. Axes are cut where a method leaves the "
+        "picture."
     )
     return Drawing("by_horizon", caption, figure)
 

@@ -218,6 +218,7 @@ def test_three_or_eight_joints_are_refused(tmp_path: Path, count: int) -> None:
         (('name = "elbow"', 'name = "knee"'), "posts.between: got"),
         (('servo = "XM430-W350"', 'servo = "XM999"'), "there is no servo 'XM999'"),
         (("turret = ", "tower = "), "turret missing"),
+        (("acceleration = ", "speed = "), "joint 1: acceleration missing"),
         (('model = "arm.xml"', 'model = "other.xml"'), "there is no such model"),
     ],
 )

@@ -95,6 +95,7 @@ def test_a_learning_curve_over_sequences_has_each_method_and_goes_on_where_it_wa
         (["{file}", "{folder}"], "either a data folder or --windows"),
         (["{folder}", "{folder}"], "one data folder"),
         (["{model}", "{file}"], "leave the model out"),
+        (["default", "{file}"], "leave the model out"),
         (["{folder}"], "cannot read"),
         (["{file}", "--leave-out", "cell"], "leave --leave-out out"),
         (["{model}", "{folder}", "--leave-out", "cell"], "trains models of its own"),

@@ -119,6 +119,7 @@ class Player:
             "forecast": trial.forecasts[at],
             "tracked": int(trial.seen[at].sum()),
             "markers": int(trial.seen.shape[1]),
+            **({} if trial.plates is None else {"plate_m": float(trial.plates[at])}),
         }
 
     @property

@@ -46,6 +46,7 @@ class RecordedTrial:
         palms: (T,) m, from palm to palm.
         forecasts: of the contact, a tick each, as they are drawn; None where there was none, or it was not sure.
         contact: what was judged, as recorded; empty where nothing was.
+        plates: (T,) m, from the servo arm's plate to the person's palm; None where no arm took part.
     """
 
     title: str
@@ -60,6 +61,7 @@ class RecordedTrial:
     palms: Float[np.ndarray, " T"]
     forecasts: tuple[dict[str, Any] | None, ...]
     contact: Mapping[str, Any]
+    plates: Float[np.ndarray, " T"] | None = None
 
     @property
     def contact_s(self) -> float | None:
@@ -187,10 +189,12 @@ def _trial(high_five: RecordedHighFive, scene: Scene, rig: str) -> RecordedTrial
     played = [
         Pose.from_quaternions(np.array(poses[time]["root"]), np.array(poses[time]["quaternions"])) for time in times
     ]
-    bodies, palms = placed_bodies(scene, played, [person_of(people[time], time) for time in times])
-    arm = _arm(high_five, times, rig)
+    humans = [person_of(people[time], time) for time in times]
+    bodies, palms = placed_bodies(scene, played, humans)
+    arm, plates = _arm(high_five, times, rig), None
     if arm is not None:
-        bodies = np.concatenate([bodies, arm], axis=1)
+        bodies = np.concatenate([bodies, arm[0]], axis=1)
+        plates = np.linalg.norm(arm[1] - [human.palm.position for human in humans], axis=1)
     span = high_five.span
     expected = [_sure_contact_s(ticks[time], forecasts.get(time)) for time in times]
     points, seen = _markers([markers.get(time) for time in times])
@@ -209,6 +213,7 @@ def _trial(high_five: RecordedHighFive, scene: Scene, rig: str) -> RecordedTrial
             None if sure is None else _forecast(forecasts.get(time)) for time, sure in zip(times, expected, strict=True)
         ),
         contact=span.contact,
+        plates=plates,
     )
 
 
@@ -231,8 +236,8 @@ def placed_bodies(scene: Scene, poses: Sequence[Pose], people: Sequence[HumanArm
     return bodies, palms
 
 
-def _arm(high_five: RecordedHighFive, times: Sequence[int], rig: str) -> Array | None:
-    """(T, 2 A, 7) of the servo arm; None where none took part, or it is not here."""
+def _arm(high_five: RecordedHighFive, times: Sequence[int], rig: str) -> tuple[Array, Array] | None:
+    """(T, 2 A, 7) of the servo arm, and (T, 3) m where its plate is; None where none took part, or it is not here."""
     if not rig:
         return None
     wanted, measured = (
@@ -250,7 +255,8 @@ def _arm(high_five: RecordedHighFive, times: Sequence[int], rig: str) -> Array |
     ]
     if {one.shape[1] for one in joints} != {cast.joints}:
         raise ValueError("the arm has other joints")
-    return np.array([cast.poses(here, there) for here, there in zip(*joints, strict=True)])
+    bodies = np.array([cast.poses(here, there) for here, there in zip(*joints, strict=True)])
+    return bodies, np.array([cast.plate(here) for here in joints[0]])
 
 
 def _numbers(values: Sequence[float | None]) -> Array:

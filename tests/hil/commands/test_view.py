@@ -3,6 +3,7 @@
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from live_commands import ended, start
 from mcap.reader import make_reader
@@ -10,10 +11,14 @@ from mcap.records import Schema
 from mcap.writer import Writer
 from websockets.sync.client import connect
 
+from highfive.hil.arm_model.arm_folder import find_arm
+from highfive.hil.arm_model.servo_arm import mounted
 from highfive.hil.commands.view import ViewOptions, view
+from highfive.hil.recording.session_reader import read_session
 from highfive.hil.sim.scene import build_scene
 from highfive.hil.view import SHIPPED_RECORDING
 from highfive.hil.view.live_page import LivePage
+from highfive.hil.view.player import Player
 from highfive.hil.view.recorded import recorded_trials
 from highfive.model.errors import HighFiveError
 
@@ -112,3 +117,16 @@ def test_pages_are_not_told_whose_folder_an_arm_is_in(tmp_path: Path) -> None:
 def test_a_recording_tells_which_hand_she_gave(source: str, hand: str, tmp_path: Path) -> None:
     trials = recorded_trials(altered(tmp_path / "a.mcap", {"source": source}, arm=False), build_scene())
     assert trials.hand == hand and not trials.rig and not trials.without_arm
+
+
+def test_of_a_recording_with_an_arm_it_is_told_how_far_the_plate_is_from_the_palm(tmp_path: Path) -> None:
+    """By the kinematics that the arm is driven with, from where the person's palm was recorded."""
+    path = altered(tmp_path / "a.mcap", {}, arm=True)
+    trials, plate = recorded_trials(path, build_scene()), mounted(find_arm()).plate_at(np.zeros(6)).position
+    palms = np.array([message.data["palm"] for message in read_session(path)[0].of("/person")])
+    found = trials[0].plates
+    assert found is not None and len(found) == len(palms)
+    np.testing.assert_allclose(found, np.linalg.norm(palms - plate, axis=1), atol=1e-5)
+    player = Player(trials)
+    assert player.state()["plate_m"] == found[0] != player.state()["palms_m"]
+    assert "plate_m" not in Player(recorded_trials(SHIPPED_RECORDING, build_scene())).state()

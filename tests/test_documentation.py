@@ -88,3 +88,10 @@ def test_links_of_a_page_lead_somewhere(page: Path) -> None:
 def test_the_file_of_an_arm_on_its_page_is_that_of_the_example() -> None:
     page, example = (ROOT / "docs" / "own_arm.md").read_text("utf-8"), ROOT / "examples" / "desk_arm" / "arm.toml"
     assert f"```toml\n{example.read_text('utf-8')}```" in page
+
+
+def test_segments_on_the_page_of_marker_sets_are_those_of_the_full_body() -> None:
+    whole = (ROOT / "mocap_bridge" / "markers" / "marker_sets" / "full_body.toml").read_text("utf-8")
+    page = (ROOT / "docs" / "markers.md").read_text("utf-8")
+    rows = page[page.index("```toml\n[segments]\nhead") :].split("```")[1].splitlines()[1:]
+    assert len(rows) > 20 and all(f"\n{row}\n" in whole for row in rows)

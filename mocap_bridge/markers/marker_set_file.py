@@ -156,7 +156,10 @@ def _parse(data: dict[str, Any]) -> MarkerSet:
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
         raise ValueError(f"marker names occur twice: {listed(twice)}")
-    segments = {joint: _parse_segment(data["segments"][joint]) for joint in dict.fromkeys(joints)}
+    known = data["segments"]
+    if missing := sorted({joint for joint in joints if joint not in known}):
+        raise ValueError(f"[segments] lacks the joints that markers name: {listed(missing)}; it has {listed(tuple(known))}")
+    segments = {joint: _parse_segment(known[joint]) for joint in dict.fromkeys(joints)}
     orphans = sorted({s.parent for s in segments.values() if s.parent is not None} - segments.keys())
     if orphans:
         raise ValueError(f"[segments] names parents that carry no marker: {listed(orphans)}")

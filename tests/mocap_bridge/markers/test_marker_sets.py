@@ -277,7 +277,7 @@ PAPER = (FOLDER / "paper.toml").read_text(encoding="utf-8")
         (PAPER.replace("position = [0.0850, 0.0650, 0.1000]", "position = [0.0850]"), "three numbers"),
         (PAPER.replace('name = "RFIN"', 'name = "XFIN"'), "not in the set: RFIN"),
         (PAPER.replace('name = "RWRA"', 'name = "RWRB"'), "occur twice: RWRB"),
-        (PAPER.replace("\nhead = { length", "\nneck = { length"), "'head' is missing"),
+        (PAPER.replace("\nhead = { length", "\nneck = { length"), "lacks the joints that markers name: head; it has"),
         (PAPER.replace("length = 0.11549", "length = -1"), "must be positive"),
         (PAPER.replace("\nhead = { markers", "\nskull = { markers"), "has no head; where it bears no markers"),
         (PAPER.replace('elbow = { markers = ["RELB", "RELM"]', "elbow = { markers = []"), "no marker of the elbow"),

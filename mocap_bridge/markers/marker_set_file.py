@@ -158,7 +158,8 @@ def _parse(data: dict[str, Any]) -> MarkerSet:
         raise ValueError(f"marker names occur twice: {listed(twice)}")
     known = data["segments"]
     if missing := sorted({joint for joint in joints if joint not in known}):
-        raise ValueError(f"[segments] lacks the joints that markers name: {listed(missing)}; it has {listed(tuple(known))}")
+        there = listed(tuple(known))
+        raise ValueError(f"[segments] lacks the joints that markers name: {listed(missing)}; it has {there}")
     segments = {joint: _parse_segment(known[joint]) for joint in dict.fromkeys(joints)}
     orphans = sorted({s.parent for s in segments.values() if s.parent is not None} - segments.keys())
     if orphans:

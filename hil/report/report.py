@@ -146,9 +146,10 @@ def _subtitle(summary: dict[str, Any]) -> str:
 
 
 def _style_changed(summary: dict[str, Any]) -> bool:
-    """On the page, while it ran."""
+    """On the page, while it ran; not known of a recorded person, whose emotion nobody says."""
     asked = style_name(summary["style"]) if summary["style"] else None
-    return any(row["style"] not in (None, asked or row["person_emotion"]) for row in summary["rows"])
+    answered = [(row["style"], asked or row["person_emotion"]) for row in summary["rows"]]
+    return any(style and first and style != first for style, first in answered)
 
 
 def _badges(summary: dict[str, Any]) -> str:

@@ -139,6 +139,8 @@ def test_the_same_bits_are_promised_only_where_nobody_changed_the_style(style, r
     for shown, changed in ((kept, False), ([replace(kept[0], style="sad 0.3 + happy 0.7"), *kept[1:]], True)):
         text = render_page(summarise(shown, settings), settings, [])
         assert ("The style was changed on the page" in text) == changed == ("bit for bit" not in text)
+    recorded = [replace(r, simulated=False) for r in kept]  # of whose own emotion nothing is known
+    assert "bit for bit" in render_page(summarise(recorded, settings), settings, [])
 
 
 def test_the_table_of_styles_fits_a_page(results):

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import logging
-import shlex
-import sys
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
@@ -33,7 +31,7 @@ from highfive.hil.experiments.observer import SimulatedParticipant
 from highfive.hil.experiments.protocol import Mode, Motion, Protocol
 from highfive.hil.experiments.study import session_folder
 from highfive.hil.runtime.clock import MACHINE
-from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.console import Bar, given_command, say_aside
 from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.reach_settings import SEEN_LATE
@@ -136,7 +134,7 @@ def open_stage(
     )  # fmt: skip
     settings = SessionSettings(
         seed=chain.seed, model=_motion_of(chain, options.clips), trials=0, style=None, corrected=True,
-        physics=False, source=chain.source or "", command=shlex.join(["highfive", *sys.argv[1:]]),
+        physics=False, source=chain.source or "", command=given_command(),
         arm="" if chain.arm is None else chain.arm.port, arm_name="" if chain.arm is None else chain.arm.arm,
     )  # fmt: skip
     switch = None

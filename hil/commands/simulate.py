@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
-import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
@@ -27,7 +25,7 @@ from highfive.hil.recording.one_recording import SUFFIX, one_recording
 from highfive.hil.recording.recorder import SessionRecorder
 from highfive.hil.recording.replay import Replay
 from highfive.hil.runtime.clock import MACHINE, Clock
-from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.console import Bar, given_command, say_aside
 from highfive.hil.runtime.folders import results_folder
 from highfive.hil.runtime.interrupts import interrupted_between_ticks
 from highfive.hil.session.reach_settings import SEEN_LATE
@@ -264,7 +262,7 @@ def _settings(options: SimulateOptions, trials: int) -> SessionSettings:
         source=_shown(options.source),
         arm="" if options.arm is None else options.arm.port,
         arm_name="" if options.arm is None else options.arm.arm,
-        command=shlex.join(["highfive", *sys.argv[1:]]),
+        command=given_command(),
     )
 
 

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import shlex
-import sys
 from collections.abc import Sequence
 from functools import partial
 from html import escape
@@ -18,7 +16,7 @@ from highfive.hil.report import evaluation_figures, model_figures
 from highfive.hil.report.drawing import Drawing, draw, to_png
 from highfive.hil.report.page import figures, render, section, table
 from highfive.hil.report.report import DATA, FIGURES, PAGE
-from highfive.hil.runtime.console import counted
+from highfive.hil.runtime.console import counted, given_command
 from highfive.hil.runtime.folders import write_file
 from highfive.model.evaluation import forecast_errors as horizons
 from highfive.model.hgpdm.trials import Trial
@@ -204,7 +202,7 @@ def _by_fold(result: dict[str, Any]) -> str:
 
 def _reproduce() -> str:
     return (
-        f"<pre>{escape(shlex.join(['highfive', *sys.argv[1:]]))}</pre>"
+        f"<pre>{escape(given_command())}</pre>"
         f"<p>All values of this page are in <code>{DATA}</code>, in metres, "
         f"radians and seconds unless a name says otherwise; its pictures are in <code>{FIGURES}/</code>. What each "
         "metric is, and how it is scored: docs/evaluation.md.</p>"

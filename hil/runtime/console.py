@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import os
+import shlex
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -118,6 +119,11 @@ def show_log() -> None:
 def escape(text: str) -> str:
     """Text that holds no markup of the console's."""
     return text.replace("[", r"\[")
+
+
+def given_command() -> str:
+    """The command that runs, as a shell takes it again."""
+    return shlex.join(["highfive", *sys.argv[1:]])
 
 
 def counted(count: int, thing: str) -> str:

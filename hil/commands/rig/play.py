@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import shlex
-import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
@@ -32,7 +30,7 @@ from highfive.hil.recording.session_reader import SessionReader, read_session
 from highfive.hil.report.arm_report import arm_section, draw_arm
 from highfive.hil.report.drawing import to_png
 from highfive.hil.report.page import render, section
-from highfive.hil.runtime.console import counted, say_aside
+from highfive.hil.runtime.console import counted, given_command, say_aside
 from highfive.hil.runtime.folders import results_folder, write_file
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.session.session import RATE_HZ
@@ -245,7 +243,7 @@ def _view(options: PlayOptions, shown: RecordedTrials, loop: ArmLoop, count: int
 
 def _settings(session: SessionReader, trials: int, arm: ArmOptions) -> SessionSettings:
     seed, model = session.settings.get("seed"), session.settings.get("model")
-    command = shlex.join(["highfive", *sys.argv[1:]])
+    command = given_command()
     return SessionSettings(
         seed if isinstance(seed, int) else 0,
         str(model or ""),
@@ -267,7 +265,7 @@ def _write_report(
         f'<span class="badge{"" if arm.emulated else " loud"}">{"emulated arm" if arm.emulated else "real arm"}</span>',
         [
             section("Servo arm", arm_section(summary, {drawing.name: drawing for drawing in drawings})),
-            section("Do it again", f"<pre>{escape(shlex.join(['highfive', *sys.argv[1:]]))}</pre>"),
+            section("Do it again", f"<pre>{escape(given_command())}</pre>"),
         ],
     )
     # What matters most first: the disk may be full.

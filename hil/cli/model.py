@@ -20,7 +20,6 @@ from highfive.hil.cli.options import (
     Seed,
 )
 from highfive.hil.runtime.console import libraries_aside, print_json, print_result, progress_bars
-from highfive.model import DEFAULT_MODEL
 from highfive.model.errors import HighFiveError
 
 app = typer.Typer()
@@ -122,11 +121,6 @@ def train(
         print("\n".join(summary(result)))
 
 
-def _shipped(path: Path) -> Path:
-    """The shipped model where ``default`` is given, and nothing here has that name."""
-    return DEFAULT_MODEL if str(path) == "default" and not path.exists() else path
-
-
 @app.command()
 def evaluate(
     paths: Annotated[
@@ -184,11 +178,12 @@ def evaluate(
         evaluate,
         print_scores,
     )
+    from highfive.hil.commands.train import model_file  # noqa: PLC0415
 
     # What is not there is what its ending says, and whoever reads it says that it is missing.
     files, models, data = [], [], []
     for given in paths or []:
-        path = _shipped(given)
+        path = model_file(given)
         folder = path.is_dir() or not (path.is_file() or path.suffix in (".npz", ".safetensors"))
         (data if folder else files if path.suffix == ".npz" else models).append(path)
     if len(data) > 1 or len(models) > 1 or len(files) + (windows is not None) > 1:
@@ -256,9 +251,10 @@ def classify_style(
 ) -> None:
     """Classify the style of generated and of corrected motion, with a classifier that learned from recordings."""
     from highfive.hil.commands.classify_style import ClassifyStyleOptions, classified, print_observations  # noqa: PLC0415
+    from highfive.hil.commands.train import model_file  # noqa: PLC0415
 
     data = [path for path in paths if path.is_dir()]
-    models = [_shipped(path) for path in paths if not path.is_dir()]
+    models = [model_file(path) for path in paths if not path.is_dir()]
     if len(data) != 1 or len(models) > 1:
         raise HighFiveError("give one data folder, and at most one model before it")
     between = [name.strip() for name in morph.split(",")]

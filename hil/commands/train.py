@@ -174,13 +174,18 @@ def _solved(options: TrainOptions, bar: Bar) -> list[SolvedPair]:
     )
 
 
+def model_file(given: Path) -> Path:
+    """A model's file; the shipped one's where :data:`SHIPPED` is given, and nothing here has that name."""
+    return DEFAULT_MODEL if str(given) == SHIPPED and not given.exists() else given
+
+
 def model_to_adapt(start: str) -> HGPDM:
-    """The model of a file, or the shipped one where ``start`` is :data:`SHIPPED`.
+    """The model of a file, or the shipped one; see :func:`model_file`.
 
     Raises:
         HighFiveError: there is none, or it is of another skeleton.
     """
-    return load_model(DEFAULT_MODEL if start == SHIPPED else Path(start), avatar_skeleton().hash)
+    return load_model(model_file(Path(start)), avatar_skeleton().hash)
 
 
 def _adapt(options: TrainOptions, bar: Bar, clock: Clock) -> dict[str, Any]:

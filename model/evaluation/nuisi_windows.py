@@ -151,7 +151,7 @@ def _layout(path: Path | str, arrays: dict[str, Array], width: int) -> Layout:
     said = {name: arrays.get(name, np.array(usual)) for name, usual in LAYOUT.items()}
     for name, value in said.items():
         if value.size != 1 or value.dtype.kind not in "biuf" or value.item() % 1 or not 0 <= value.item() <= width:
-            raise HighFiveError(f"{path}: {name} must be one whole number, not {value.tolist()!r:.40}")
+            raise HighFiveError(f"{path}: {name} must be one whole number, from 0 on")
     layout = Layout(int(said["input_frames"].item()), bool(said["input_differences"].item()))
     parts = layout.frames * (1 + layout.differences)
     if not parts or width % parts:
@@ -165,10 +165,20 @@ def _layout(path: Path | str, arrays: dict[str, Array], width: int) -> Layout:
 def _unit(path: Path | str, arrays: dict[str, Array], name: str, usual: str) -> tuple[float, str]:
     """SI units that one of a file is, and which: m or rad, the usual one where the file does not say."""
     known = LENGTHS | TURNS
-    unit = str(arrays.get(name, usual))
+    given = np.asarray(arrays.get(name, usual))
+    if given.size != 1 or given.dtype.kind != "U" or not _readable(given):
+        raise HighFiveError(f"{path}: {name} is no word; expected one of {', '.join(known)}")
+    unit = str(given.item())
     if unit not in known:
         raise HighFiveError(f"{path}: {name} {unit!r}; expected one of {', '.join(known)}")
     return known[unit], "m" if unit in LENGTHS else "rad"
+
+
+def _readable(word: NDArray[np.str_]) -> bool:
+    """Plain characters: of a damaged file they may be none that there are, which NumPy cannot make a text of."""
+    if word.dtype.itemsize == 0:
+        return False
+    return bool(word.reshape(1).view(f"{word.dtype.byteorder}u4").max() < 128)
 
 
 def _check_size(what: str, values: Array, unit: str) -> None:

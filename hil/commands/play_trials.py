@@ -155,7 +155,7 @@ def _add_broken_off(played: Played, kept: Kept, watch: ArmWatch | None) -> None:
     if not kept.begun or kept.over:
         return
     partner, number = kept.head.partner, kept.head.number
-    arm = None if watch is None else watch.end(kept.head.style, partner.cell, partner.contact_frame)
+    arm = None if watch is None else watch.end(kept.style, partner.cell, partner.contact_frame)
     if watch is not None and arm is not None and played.arm is not None:
         broken_off = replace(arm, broken_off=True)
         played.arm.add(number, broken_off, watch.loop.retarget, watch.loop.limits, watch.loop.trouble)

@@ -8,7 +8,6 @@ hands: Mainprice & Berenson 2013). The number of components is the one with the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
@@ -16,6 +15,7 @@ from scipy.special import logsumexp
 
 from highfive.model.evaluation.predictions import Prediction
 from highfive.model.geometry.rotations import Array
+from highfive.model.gp.mixture import GaussianMixture, fitted, log_normal
 from highfive.model.hgpdm.contact_layer import REGION
 from highfive.model.hgpdm.contact_training import approaches
 from highfive.model.hgpdm.dataset import KNUCKLES, Channels, hand_history
@@ -25,51 +25,11 @@ from highfive.model.hgpdm.trials import Trial
 SEEN = 10  # principal components of the hand's features
 COMPONENTS = (2, 4, 8, 12, 16)
 FORECASTS = ("contact_point", "hypotheses", "within_90", "log_density", "log_density_gaussian")
-STEPS = 60  # of expectation–maximisation
 FLOOR = 1e-3  # added to the variances of unit-variance coordinates
 
 
-@dataclass(frozen=True)
-class Hypotheses:
-    """A mixture of where the palms will meet.
-
-    Attributes:
-        weights: (K,).
-        points: (K, 3) m.
-        covariances: (K, 3, 3) m².
-    """
-
-    weights: Array
-    points: Array
-    covariances: Array
-
-    @property
-    def mean(self) -> Array:
-        """(3,) m."""
-        return self.weights @ self.points
-
-    @property
-    def number(self) -> float:
-        """How many hypotheses count: the exponential of the weights' entropy."""
-        kept = self.weights[self.weights > 1e-12]
-        return float(np.exp(-np.sum(kept * np.log(kept))))
-
-    def log_density(self, points: Array) -> Array:
-        """Log densities (N,) of points (N, 3), in 1/m³."""
-        parts = [_log_normal(points - p, c) for p, c in zip(self.points, self.covariances, strict=True)]
-        return np.asarray(logsumexp(np.array(parts) + np.log(self.weights + 1e-300)[:, None], axis=0))
-
-    def level(self, point: Array, rng: np.random.Generator, samples: int = 1000) -> float:
-        """Share of the mixture that is likelier than a point (3,): below 0.9 where the 90 % region holds it."""
-        which = rng.choice(len(self.weights), samples, p=self.weights / self.weights.sum())
-        roots = np.linalg.cholesky(self.covariances)[which]
-        drawn = self.points[which] + np.einsum("nij,nj->ni", roots, rng.normal(size=(samples, 3)))
-        likelier = self.log_density(drawn) > self.log_density(point[None])[0]
-        return float(likelier.mean())
-
-
 class MixtureReach:
-    """Learned from training trials; says the :class:`Hypotheses` of a hand."""
+    """Learned from training trials; says where a hand will be."""
 
     def __init__(self, task: Problem, trials: Sequence[Trial], seed: int = 0) -> None:
         """Learns from the ``trials`` that are not held out, with the features of their training points."""
@@ -85,56 +45,23 @@ class MixtureReach:
         self._offset, self._scale = left[:, :3].mean(axis=0), float(left[:, :3].std())
         joint = np.concatenate([(features - self._centre) @ self._axes, (left[:, :3] - self._offset) / self._scale], 1)
         counts = [count for count in COMPONENTS if 20 * count <= len(joint)] or [1]
-        fits = [_mixture(joint, count, seed) for count in counts]
-        self._weights, self._means, self._covariances = min(fits, key=lambda fit: fit[0])[1]
+        self._joint = fitted(joint, counts, seed, FLOOR)
 
-    def __call__(self, trial: Trial, frame: int) -> Hypotheses:
+    def __call__(self, trial: Trial, frame: int) -> GaussianMixture:
         """What is said at a frame of a trial."""
         history = hand_history(trial, np.array([frame / trial.rate_hz]), self._task.preset.history)
         seen = ((self._task.feature_map(history)[0] - self._centre) @ self._axes).ravel()
-        size, logs = len(seen), np.empty(len(self._weights))
+        size, logs = len(seen), np.empty(len(self._joint.weights))
         points, covariances = np.empty((len(logs), 3)), np.empty((len(logs), 3, 3))
-        for k, (mean, covariance) in enumerate(zip(self._means, self._covariances, strict=True)):
+        for k, (mean, covariance) in enumerate(zip(self._joint.points, self._joint.covariances, strict=True)):
             own, cross = covariance[:size, :size], covariance[size:, :size]
             gain = np.asarray(np.linalg.solve(own, cross.T), dtype=float).T
-            logs[k] = np.log(self._weights[k]) + _log_normal((seen - mean[:size])[None], own)[0]
+            logs[k] = np.log(self._joint.weights[k]) + log_normal((seen - mean[:size])[None], own)[0]
             points[k] = mean[size:] + gain @ (seen - mean[:size])
             covariances[k] = covariance[size:, size:] - gain @ cross.T
         weights = np.exp(logs - cast(float, logsumexp(logs)))
         knuckles = history[0, 0, KNUCKLES]
-        return Hypotheses(weights, knuckles + self._offset + self._scale * points, self._scale**2 * covariances)
-
-
-def _mixture(points: Array, count: int, seed: int) -> tuple[float, tuple[Array, Array, Array]]:
-    """BIC; and weights (K,), means (K, D) and covariances (K, D, D) of points (N, D), by expectation–maximisation."""
-    total, dims = points.shape
-    first = points[np.random.default_rng(seed).choice(total, count, replace=False)]
-    nearest = np.array([np.sum((points - point) ** 2, axis=1) for point in first]).argmin(axis=0)
-    shares: Array = np.eye(count)[nearest] + 1e-3
-    shares = shares / shares.sum(axis=1, keepdims=True)
-    weights, means, covariances = np.empty(count), np.empty((count, dims)), np.empty((count, dims, dims))
-    likelihood = -np.inf
-    for _ in range(STEPS):
-        weights = shares.mean(axis=0)
-        means = shares.T @ points / (total * weights[:, None])
-        for k in range(count):
-            away = points - means[k]
-            covariances[k] = (shares[:, k, None] * away).T @ away / (total * weights[k]) + FLOOR * np.eye(dims)
-        logs = np.array([_log_normal(points - m, c) for m, c in zip(means, covariances, strict=True)]).T
-        logs += np.log(weights)
-        whole = np.asarray(logsumexp(logs, axis=1))
-        shares, before, likelihood = np.exp(logs - whole[:, None]), likelihood, float(whole.sum())
-        if likelihood - before < 1e-4 * total:
-            break
-    free = count * (1 + dims + dims * (dims + 1) / 2) - 1
-    return free * np.log(total) - 2.0 * likelihood, (weights, means, covariances)
-
-
-def _log_normal(away: Array, covariance: Array) -> Array:
-    """Log densities (N,) of deviations (N, D) under a covariance (D, D)."""
-    root = np.linalg.cholesky(covariance)
-    solved = np.linalg.solve(root, away.T)
-    return -0.5 * np.sum(solved**2, axis=0) - np.log(np.diag(root)).sum() - 0.5 * len(root) * np.log(2.0 * np.pi)
+        return GaussianMixture(weights, knuckles + self._offset + self._scale * points, self._scale**2 * covariances)
 
 
 def mixture_forecasts(
@@ -159,7 +86,7 @@ def mixture_forecasts(
             at, gaussian = int(np.argmin(np.abs(answer.frames - frame))), np.nan
             if answer.uncertainty is not None:
                 away = answer.outputs[at, Channels(trial.joints.shape[1]).contact] - end
-                gaussian = float(_log_normal(away[None], answer.uncertainty.contact[at])[0])
+                gaussian = float(log_normal(away[None], answer.uncertainty.contact[at])[0])
             miss, inside = float(np.linalg.norm(said.mean - end)), float(said.level(end, rng) < REGION)
             found.append((miss, said.number, inside, float(said.log_density(end[None])[0]), gaussian))
         table = np.array(found, dtype=float).reshape(-1, len(FORECASTS))

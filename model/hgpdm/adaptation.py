@@ -27,6 +27,7 @@ from highfive.model.gp.posterior import Posterior
 from highfive.model.gp.streaming import Evidence, evidence, function_variance, means, updated
 from highfive.model.hgpdm.arm_features import arm_history, have_arms, with_arms
 from highfive.model.hgpdm.contact_layer import ArmContactLayer, ContactLayer, pooled
+from highfive.model.hgpdm.contact_places import contact_places
 from highfive.model.hgpdm.contact_training import approaches, calibration, knuckle_speed, precision
 from highfive.model.hgpdm.dataset import hand_history, training_set
 from highfive.model.hgpdm.tempo import tempo_history
@@ -173,6 +174,7 @@ def adapt(
         avatar=posterior,
         contact=contact,
         arm_contact=arm,
+        places=contact_places(learned, seed),
         ensemble=None,  # it answers as the trials of before do
         data_hash=training_set(learned, model.preset).data_hash,
         settings=model.settings | about,

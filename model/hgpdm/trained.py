@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from highfive.model.geometry.rotations import Array
+from highfive.model.gp.mixture import GaussianMixture
 from highfive.model.gp.posterior import Posterior
 from highfive.model.hgpdm.contact_layer import ArmContactLayer, ContactLayer
 from highfive.model.hgpdm.dataset import Channels
@@ -48,6 +49,7 @@ class HGPDM:
         ensemble: what answers beside the hierarchy; None where nothing does, as in files of an earlier version.
         intent: from the hand to whether a contact is coming; None where nothing else than high fives was learned from,
             as in files of an earlier version.
+        places: where reaches go; None in files of an earlier version.
     """
 
     preset: Preset
@@ -76,6 +78,7 @@ class HGPDM:
     ensemble: PoseEnsemble | None = None
     task_space: TaskSpace | None = None
     intent: IntentLayer | None = None
+    places: GaussianMixture | None = None
 
     @property
     def channels(self) -> Channels:

@@ -23,6 +23,7 @@ from highfive.model.gp.regression import learned
 from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.arm_features import check_arms, have_arms
 from highfive.model.hgpdm.checkpoint import Checkpoint
+from highfive.model.hgpdm.contact_places import contact_places
 from highfive.model.hgpdm.contact_training import fit_contact_layers
 from highfive.model.hgpdm.dataset import AUXILIARY, TrainingSet, training_set
 from highfive.model.hgpdm.hierarchy import (
@@ -123,7 +124,8 @@ def train(
         led = fit_task_space(learned, task, contact, left_out, chain)
     others = [gesture for gesture in gestures if not gesture.test]
     intent = fit_intent(learned, others, seed, progress) if others else None
-    return replace(model, contact=contact, arm_contact=arm, task_space=led, intent=intent)
+    places = contact_places(learned, seed)
+    return replace(model, contact=contact, arm_contact=arm, task_space=led, intent=intent, places=places)
 
 
 def train_on(

@@ -14,6 +14,7 @@ from typing import Protocol
 from numpy.typing import ArrayLike
 
 from highfive.model.geometry.rotations import Array
+from highfive.model.gp.mixture import GaussianMixture
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.hgpdm.trials import Trial
 from highfive.model.online.contact_forecast import ContactForecast
@@ -87,6 +88,12 @@ def probability_of_contact(reaction: Reaction) -> float | None:
     """That a contact is coming, 0 to 1, where a model says it as ``contact_probability``; it need not."""
     found: float | None = getattr(reaction, "contact_probability", None)
     return found
+
+
+def hypotheses_of_contact(reaction: Reaction) -> GaussianMixture | None:
+    """Where the palms may meet, m, where a model says it as ``hypotheses``; it need not."""
+    found = getattr(reaction, "hypotheses", None)
+    return found if isinstance(found, GaussianMixture) else None
 
 
 class OnlineResponder(Protocol):

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from highfive.model.compiled import compiled_entry
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
+from highfive.model.gp.mixture import GaussianMixture
 from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, KNUCKLES, Channels
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
@@ -58,6 +59,7 @@ class Response:
         forecast_contact: makes :attr:`contact`.
         contact_probability: that a contact is coming, 0 to 1; None before a hand was seen, or where the model has not
             learned it. While the hand is hidden it stays what it was.
+        places: where reaches go, as it was learned; None where it was not.
     """
 
     joints: Array
@@ -74,6 +76,7 @@ class Response:
     generated: Generated = field(repr=False, compare=False)
     forecast_contact: Callable[[], ContactForecast | None] = field(repr=False, compare=False)
     contact_probability: float | None = None
+    places: GaussianMixture | None = None
 
     @property
     def contact(self) -> ContactForecast | None:
@@ -86,6 +89,17 @@ class Response:
     @cached_property
     def _forecast_once(self) -> ContactForecast | None:
         return self.forecast_contact()
+
+    @property
+    def hypotheses(self) -> GaussianMixture | None:
+        """Where the palms may meet, (K, 3) m, and how likely each place is: as learned while the hand rests, as the
+        forecast weighs them once it rises; in between by the probability that a contact is coming. A forecast is of
+        hands that do come: of one that rests it only says where those go that are raised soon."""
+        found = self.contact
+        if self.places is None or found is None:
+            return self.places
+        probability = 1.0 if self.contact_probability is None else self.contact_probability
+        return self.places.told(found.point, found.covariance[:3, :3], probability)
 
     @property
     def joints_std(self) -> Array:
@@ -308,6 +322,7 @@ class Responder:
             generated=generated,
             forecast_contact=forecast_contact,
             contact_probability=self._probability,
+            places=self._model.places,
         )
 
 

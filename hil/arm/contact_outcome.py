@@ -157,8 +157,7 @@ def with_known_contact(reference: ReferenceTrajectory, settings: OutcomeSettings
 
     What it then misses by is its own; the rest is what the forecast does not know.
     """
-    contacts = [goal.contact for goal in reference.goals[: reference.due + 1]]
-    last, began = contacts[-1], next((i for i, one in enumerate(contacts) if one is not None), reference.due)
+    last, began = reference.goals[reference.due].contact, _began(reference)
     if last is None:
         return reference
     goals = list(reference.goals)
@@ -166,8 +165,15 @@ def with_known_contact(reference: ReferenceTrajectory, settings: OutcomeSettings
         known = ExpectedContact(
             reference.person[reference.due], settings.exact**2 * np.eye(3), last.normal, (reference.due - i) * TICK
         )
-        goals[i] = replace(goals[i], contact=known)
+        goals[i] = replace(goals[i], contact=known, hypotheses=None)
     return replace(reference, goals=tuple(goals))
+
+
+def _began(reference: ReferenceTrajectory) -> int:
+    """Tick in which a contact was first expected, wherever it may be."""
+    goals = enumerate(reference.goals[: reference.due])
+    expected = (i for i, goal in goals if goal.contact is not None or goal.hypotheses is not None)
+    return next(expected, reference.due)
 
 
 def avatar_outcome(reference: ReferenceTrajectory) -> ContactOutcome:
@@ -184,7 +190,7 @@ def notice(reference: ReferenceTrajectory, retarget: Retarget, settings: Outcome
         np.inf if one.contact is None else float(np.linalg.norm(one.contact.point - place))
         for one in reference.goals[: reference.due]
     ]
-    began = next((i for i, distance in enumerate(off) if np.isfinite(distance)), reference.due)
+    began = _began(reference)
     astray = max((i for i, distance in enumerate(off) if distance > settings.known), default=-1)
     given, known = (reference.due - began) * TICK - retarget.settings.lag, (reference.due - 1 - astray) * TICK
     joints, miss = solve(retarget.arm, place, goal.normal, retarget.ready)

@@ -37,6 +37,10 @@ from highfive.hil.sim.profiles import minimum_jerk
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
 
+READY_WEIGHT = 0.5
+"""1/rad²: how much the ready posture counts while nobody is waited for."""
+CLEAR = 0.1
+"""m, from the zone around a face: nearer than this no plate waits, further than twice this it waits where it will."""
 FULLY = 0.2
 """m a radian: ``facing`` of an arm that can turn its plate as it likes."""
 
@@ -63,6 +67,7 @@ class Retarget:
         s = self.settings
         self._face = np.array([s.yielding * s.face_speed, s.face_radius, s.yielding * s.face_braking])
         self._sag = np.array(self.settings.sag) if self.settings.sag else None
+        self._places, self._postures = b"", (np.empty((0, len(self.ready))), np.empty(0))
         self._nobody = PalmPose(ready_plate.position, np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0]), np.zeros(3))
         # What a tick and the judgement of a high five call: with torque on, nobody may wait until it is compiled.
         arm.points(self.ready)
@@ -153,9 +158,10 @@ class Retarget:
             hand, hand_velocity = person.position + s.lag * person.velocity, person.velocity
             cap = s.yielding * s.contact_speed
         if contact is None:
+            rest, counts = self._awaiting(goal)
             return Task(
                 math.inf, _NOWHERE, self._ready_normal, _UNSURE, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, False, _NOWHERE,
-                _NOWHERE, 1.0, hand, hand_velocity, _NOWHERE, cap, self.ready, 0.5, head, self._face,
+                _NOWHERE, 1.0, hand, hand_velocity, _NOWHERE, cap, rest, counts, head, self._face,
                 10.0 * s.effort, s.calm, 0.05, self._plan,
             )  # fmt: skip
         time = contact.time - s.lag
@@ -172,6 +178,37 @@ class Retarget:
             self.ready, 1e-3, head, self._face, s.effort, s.calm,
             min(max(time / CONTACT_KNOT, s.shortest_knot), s.longest_knot), self._plan,
         )  # fmt: skip
+
+    def _awaiting(self, goal: PalmGoal) -> tuple[Array, float]:
+        """The posture in which to wait, (J,) rad, and how much it counts.
+
+        It is nearest, in joints, to those that meet the hypotheses, each as likely as it is; short of a face, the ready
+        posture has the more of it the nearer the plate would be.
+        """
+        s = self.settings
+        postures = None if goal.hypotheses is None else self._meeting(goal.hypotheses.points)
+        if goal.hypotheses is None or postures is None:
+            return self.ready, READY_WEIGHT
+        joints, known = postures
+        weights = goal.hypotheses.weights * known
+        if weights.sum() <= 0.0:
+            return self.ready, READY_WEIGHT
+        rest = weights @ joints / weights.sum()
+        if goal.head is not None:
+            away = float(np.linalg.norm(self.arm.plate_at(rest).position - goal.head)) - s.face_radius
+            rest = self.ready + min(max(away / CLEAR - 1.0, 0.0), 1.0) * (rest - self.ready)
+        return rest, s.waits
+
+    def _meeting(self, points: Array) -> tuple[Array, Array]:
+        """Postures (K, J), rad, in which the plate waits before points (K, 3), m, and which of them it reaches (K,)."""
+        key = points.tobytes()
+        if key != self._places:
+            before = points - self.settings.back * _AHEAD - np.array([0.0, 0.0, self.settings.below])
+            found = [solve(self.arm, point, _AHEAD, self.ready) for point in before]
+            joints = np.array([posture for posture, _ in found])
+            self._postures = joints, np.array([miss < self.settings.back for _, miss in found])
+            self._places = key
+        return self._postures
 
     def _hurry(self, state: RetargetState, contact: ExpectedContact) -> float:
         """How many times faster than leisurely the plate has to be; at least 1."""
@@ -221,6 +258,7 @@ class Retarget:
         return late, together, known if limits == known.limits else replace(known, limits=limits)
 
 
+_AHEAD = np.array([1.0, 0.0, 0.0])  # where avatar and arm look, and people come from
 _NOWHERE, _NO_HEAD, _UNSURE = np.zeros(3), np.zeros(4), np.eye(3)
 
 
@@ -231,6 +269,8 @@ def _sane(goal: PalmGoal) -> bool:
     parts += [] if goal.head is None else [goal.head]
     if goal.contact is not None:
         parts += [goal.contact.point, goal.contact.normal, goal.contact.covariance.ravel(), [goal.contact.time]]
+    if goal.hypotheses is not None:
+        parts += [goal.hypotheses.weights, goal.hypotheses.points.ravel()]
     return bool(np.isfinite(np.concatenate(parts)).all())
 
 

@@ -50,6 +50,12 @@ class RetargetSettings(Settings):
     rounds: int = setting(1, least=1)
     """Improvements of the plan per tick: the next one goes on from there (real-time iteration, Diehl et al. 2005).
     They bound the cost of a tick."""
+    back: float = setting(0.15, "m", least=0.0)
+    below: float = setting(0.08, "m", least=0.0)
+    """A plate that waits for one of several hands is so far behind and below where they go: a hand comes from there,
+    and a plate that is in front of it may hardly move. Simulated happy and angry high fives of seeds 1 to 6."""
+    waits: float = setting(20.0, "1/rad²", least=0.0)
+    """How much that posture counts."""
     effort: float = setting(3e-5, least=0.0)
     """Cost of a joint acceleration of 1 rad/s² at a knot."""
     memory: float = setting(0.25, "s", least=0.0)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from highfive.hil.safety.people import Sighting
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
+from highfive.model.gp.mixture import GaussianMixture
 
 KNOTS = 12
 CONTACT_KNOT = 10
@@ -38,7 +39,8 @@ class PalmGoal:
         palm: the avatar's palm.
         person: the person's palm; None where nobody knows it.
         head: (3,) m, centre of the person's head, or None.
-        contact: None while no high five is on.
+        contact: None while no high five is on, or it is not yet known where.
+        hypotheses: where palms may meet while that is not known; None: nobody is waited for.
         person_seen, head_seen: how well palm and head are known, as of the tick's frame; None: measured in it where
             they are given.
     """
@@ -47,6 +49,7 @@ class PalmGoal:
     person: PalmPose | None = None
     head: Array | None = None
     contact: ExpectedContact | None = None
+    hypotheses: GaussianMixture | None = None
     person_seen: Sighting | None = None
     head_seen: Sighting | None = None
 

@@ -103,11 +103,11 @@ class ArmInRun:
         def goal(tick: Tick) -> PalmGoal:
             if self._first_ns is None:
                 self._first_ns = tick.time_ns
-            now = replace(palm_goal(tick), contact=None)
+            now = replace(palm_goal(tick), contact=None, hypotheses=None)
             if not then:
                 return now
             at = motion.row(tick.time_ns - self._first_ns)
             one = then[min(at, len(then) - 1)]
-            return replace(now, palm=one.palm, contact=one.contact)
+            return replace(now, palm=one.palm, contact=one.contact, hypotheses=one.hypotheses)
 
         return goal

@@ -62,6 +62,7 @@ def numbers(pattern: str, text: str) -> list[list[float]]:
     return [[float(one) for one in found.groups()] for found in re.finditer(pattern, text, re.MULTILINE)]
 
 
+@pytest.mark.slow
 def test_respond(run) -> None:
     rows = numbers(r"^([\d.]+) s before: contact in ([-\d.]+) ± ([\d.]+) s, ([\d.]+) cm", run("respond.py"))
     assert len(rows) >= 6
@@ -100,6 +101,7 @@ def test_read_session(run, tmp_path: Path) -> None:
     assert loadmat(tmp_path / "session.mat")["wrist_1"].shape == (246, 4)
 
 
+@pytest.mark.slow
 def test_export_motion(run, tmp_path: Path) -> None:
     out = run("export_motion.py")
     names = re.findall(r"^(\S+): \d+ frames", out, re.M)

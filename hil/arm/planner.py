@@ -185,12 +185,11 @@ class Retarget:
         It is nearest, in joints, to those that meet the hypotheses, each as likely as it is; short of a face, the ready
         posture has the more of it the nearer the plate would be.
         """
-        s = self.settings
-        postures = None if goal.hypotheses is None else self._meeting(goal.hypotheses.points)
-        if goal.hypotheses is None or postures is None:
+        s, hypotheses = self.settings, goal.hypotheses
+        if hypotheses is None:
             return self.ready, READY_WEIGHT
-        joints, known = postures
-        weights = goal.hypotheses.weights * known
+        joints, known = self._meeting(hypotheses.points)
+        weights = hypotheses.weights * known
         if weights.sum() <= 0.0:
             return self.ready, READY_WEIGHT
         rest = weights @ joints / weights.sum()

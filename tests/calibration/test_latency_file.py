@@ -12,6 +12,7 @@ from highfive.model.errors import HighFiveError
 DATE = "2026-11-25T10:00:00+00:00"
 
 
+@pytest.mark.slow
 @given(
     st.dictionaries(st.text(min_size=1, max_size=8), st.integers(0, 2_000_000), min_size=1, max_size=4),
     st.text(max_size=8),

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from highfive.hil.arm.arm_files import limits_of
 from highfive.hil.arm.goal_course import COURSE, GoalCourse
-from highfive.hil.arm_model.arm_folder import find_arm, shipped
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm, shipped
 from highfive.hil.arm_model.servo_arm import default_arm, mounted
 from highfive.model.errors import HighFiveError
 
@@ -126,7 +126,9 @@ def test_what_is_no_goal_is_refused_and_leads_nowhere(goals: dict, said: str) ->
     assert (way.at(50 * S) == READY).all() and (way.goal == READY).all()
 
 
-@pytest.mark.parametrize("name", shipped())
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name == DEFAULT_ARM else pytest.mark.slow) for name in shipped()]
+)
 def test_any_arm(name: str) -> None:
     arm = mounted(find_arm(name))
     ready = np.array(arm.folder.ready)

@@ -65,6 +65,7 @@ def test_jacobians_are_differences(arm: ServoArm) -> None:
             assert plate.normal_jacobian[:, j] == pytest.approx((one.normal - other.normal) / (2 * step), abs=1e-8)
 
 
+@pytest.mark.slow
 def test_dynamics_are_mujocos(arm: ServoArm, twin: ArmTwin) -> None:
     data, count = mujoco.MjData(twin.model), arm.joints
     whole, torques = np.zeros((count, count)), np.zeros(count)

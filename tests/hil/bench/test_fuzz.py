@@ -25,6 +25,7 @@ def no_bar(label: str, total: int) -> Any:
     return lambda note="", done=None: None
 
 
+@pytest.mark.slow
 def test_every_reader_gives_a_value_or_a_line() -> None:
     found = bench_fuzz(FuzzOptions(inputs=FEW), no_bar)
     assert found["broken"] == []

@@ -120,6 +120,7 @@ def test_a_name_that_is_too_long_is_one_line(highfive) -> None:
     assert_one_line(highfive("simulate", "--trials", "1", "--out", "a" * 300), "File name too long")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("value", ["inf", "nan", "-1", "1e9"])
 @pytest.mark.parametrize(
     ("bench", "option"),

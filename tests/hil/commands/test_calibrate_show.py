@@ -68,6 +68,7 @@ def test_two_that_disagree_end_in_1_and_say_what_moved(show, kept: ArmCalibratio
     assert code == 0 and "They agree." in out
 
 
+@pytest.mark.slow
 def test_the_picture_is_drawn_and_not_over_another(show, fails, kept: ArmCalibration, tmp_path: Path) -> None:
     file, picture = tmp_path / "arm.toml", tmp_path / "room.png"
     assert show(file, "--picture", picture)[0] == 0

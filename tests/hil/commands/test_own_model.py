@@ -46,6 +46,7 @@ def simulate(folder: Path, *arguments: object):
     return CliRunner().invoke(app, list(map(str, words)), catch_exceptions=True)
 
 
+@pytest.mark.slow
 def test_it_is_played_and_reported(tmp_path: Path, models: Path) -> None:
     result = simulate(tmp_path / "out", "--model", f"{models}:stands", "--trials", 1, "--json")
     summary = json.loads(result.stdout)

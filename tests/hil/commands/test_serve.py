@@ -95,6 +95,7 @@ def faults_of(protocol: str) -> tuple[str, str]:
     return "occlusion=RFIN", "reorder" if protocol != "lsl" else "nan=RWRA"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("protocol", PROTOCOLS)
 def test_what_is_served_is_what_is_seen(lab: Path, protocol: str) -> None:
     port = [] if protocol == "lsl" else ["--port", 0]

@@ -64,16 +64,19 @@ def test_solved_joints_are_the_actors_true_ones(solved: SolvedPair, truth: PairT
     assert np.linalg.norm(solved.trial.root - truth.avatar.root_in_world, axis=-1).max() < 3e-3
 
 
+@pytest.mark.slow
 def test_palms_are_where_they_really_are(solved: SolvedPair, truth: PairTrial) -> None:
     assert np.linalg.norm(solved.trial.palm - palm_of(truth.avatar), axis=-1).max() < 4e-3
     # The person's is the tracker's, which knows the hand's size only from the markers.
     assert np.linalg.norm(solved.trial.person_palm - palm_of(truth.person), axis=-1).max() < 6e-3
 
 
+@pytest.mark.slow
 def test_contact_is_found_while_the_palms_touch(solved: SolvedPair, truth: PairTrial) -> None:
     assert -2 <= solved.trial.contact_frame - truth.contact_frame <= TOUCH + 2
 
 
+@pytest.mark.slow
 def test_a_trial_says_what_the_table_said(solved: SolvedPair) -> None:
     trial = solved.trial
     assert (trial.emotion, trial.cell, trial.repetition, trial.test, trial.rate_hz) == ("angry", CELL, 1, True, 120.0)
@@ -82,6 +85,7 @@ def test_a_trial_says_what_the_table_said(solved: SolvedPair) -> None:
     assert np.median(solved.rms) < 1.0e-3 and solved.rms.max() < 3e-3
 
 
+@pytest.mark.slow
 def test_the_hand_is_that_of_the_online_chain(captured: Path, solved: SolvedPair) -> None:
     person = read_c3d(captured / f"angry_{CELL}_1.c3d").person("human")
     points, palm, _ = track_hand(person, load_marker_set("paper"))

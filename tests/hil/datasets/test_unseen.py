@@ -58,6 +58,7 @@ def check(pair: SolvedPair, cell: str, number: int) -> None:
     assert np.sqrt(np.mean(pair.rms**2)) < 0.005
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "export",
     [

@@ -95,6 +95,7 @@ def test_somebody_who_is_not_through_is_left_out_and_named(folder: Path) -> None
     assert any(one["participant"] == "P03" and "one condition" in one["why"] for one in result["excluded"])
 
 
+@pytest.mark.slow
 def test_the_same_folder_gives_the_same_files_and_a_row_for_every_trial(folder: Path, tmp_path: Path) -> None:
     results = [analyse(AnalyseOptions(None, study=folder, out=tmp_path / name)) for name in ("a", "b")]
     files = sorted(path.relative_to(tmp_path / "a") for path in (tmp_path / "a").rglob("*") if path.is_file())
@@ -219,6 +220,7 @@ def test_a_rule_for_what_no_trial_has_is_refused(folder: Path, tmp_path: Path, r
         study_rows(folder, read_rules(path))
 
 
+@pytest.mark.slow
 def test_anothers_replays_are_compared_with_interaction_where_there_are_none_of_ones_own(tmp_path: Path) -> None:
     """By hand: logits of (k + ½)/(n − k + ½), the smaller share right in what is another's."""
     made = study(tmp_path, "high_five", {"participants = 12": "participants = 2"})

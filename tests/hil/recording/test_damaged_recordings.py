@@ -115,6 +115,7 @@ def few_and_many() -> list[object]:
     return [*range(FEW), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(FEW, MANY))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", few_and_many())
 @pytest.mark.parametrize("damage", [damaged_within, damaged_outside])
 def test_what_is_damaged_is_fewer_high_fives_or_one_line(

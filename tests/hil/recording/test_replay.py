@@ -227,6 +227,7 @@ def without_one(recording: SessionRecording, topic: str, place: int) -> SessionR
     return replace(recording, channels={**recording.channels, topic: tuple(messages)})
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("change", "message"), list(refused()))
 def test_what_cannot_be_played_again_is_one_line(
     recorded: Path, change: Callable[[SessionRecording], SessionRecording], message: str

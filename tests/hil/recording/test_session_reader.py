@@ -29,6 +29,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_high_fives_come_one_by_one_with_their_own_time(recorded: Path) -> None:
     session, results = read_session(recorded), some_results()
     for high_five, result in zip(session, results, strict=False):

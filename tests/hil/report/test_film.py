@@ -98,6 +98,7 @@ def test_the_ring_may_leave_the_picture(where):
     assert frame.any() == (-60 < where[0] < 700 and -60 < where[1] < 420)
 
 
+@pytest.mark.slow
 def test_strips_show_the_moments(visible, results):
     strips = picture_strips(visible, results[1:2])
     if isinstance(strips, NoPictures):

@@ -57,6 +57,7 @@ def test_where_gravity_lays_a_limp_arm_it_may_stand(seed: int) -> None:
     assert against(settled(ArmPlant(DEFAULT_MOUNT, start), 4.0)) == ()
 
 
+@pytest.mark.slow
 def test_an_arm_that_is_held_by_its_servos_may_stand_anywhere() -> None:
     for pose in LIMITS.way_points:
         gravity = ARM.gravity(pose)

@@ -81,6 +81,7 @@ def test_every_pair_that_the_scene_calls_unwanted_is_kept_apart(scene: Scene) ->
     assert {(rod, shape) for rod in body.rods for shape in body.shapes} == set(own_pairs(scene.skeleton))
 
 
+@pytest.mark.slow
 def test_distances_are_mujocos(scene: Scene) -> None:
     overlapping = 0
     for data in poses(scene, 25, 1):

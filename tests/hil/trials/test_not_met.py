@@ -58,10 +58,12 @@ def test_palms_that_meet_have_no_reason(why: Callable[..., str]) -> None:
     assert why(simulated_person("happy", "B2", 0)) == ""
 
 
+@pytest.mark.slow
 def test_a_person_out_of_reach(why: Callable[..., str]) -> None:
     assert "reach" in why(_changed(simulated_person("happy", "B2", 0), _moved((0.45, 0.0, 0.0))))
 
 
+@pytest.mark.slow
 def test_a_hand_that_is_never_seen_hidden_or_not_raised(why: Callable[..., str]) -> None:
     partner = simulated_person("happy", "B2", 0)
     never = _changed(partner, lambda r: _without(r, 0, lambda name: True))
@@ -72,6 +74,7 @@ def test_a_hand_that_is_never_seen_hidden_or_not_raised(why: Callable[..., str])
     assert why(low).startswith("the person's hand was not raised: it came up to ")
 
 
+@pytest.mark.slow
 def test_too_few_pictures(why: Callable[..., str]) -> None:
     said = why(simulated_person("angry", "A1", 0), every=120)
     assert said.startswith("only 1.") and "pictures" in said

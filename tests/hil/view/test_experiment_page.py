@@ -53,6 +53,7 @@ def open_as(page: LivePage, browser: Browser, role: str) -> None:
     page.tell("experiment", **ABOUT)
 
 
+@pytest.mark.slow
 def test_a_participant_reads_answers_and_rates_and_keys_that_are_pressed_count_by_their_time(page: LivePage) -> None:
     with Browser((1000, 700)) as browser:
         open_as(page, browser, "participant")

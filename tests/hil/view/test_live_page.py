@@ -293,6 +293,7 @@ def test_a_port_in_use_is_one_line() -> None:
             LivePage(ABOUT, port=port)
 
 
+@pytest.mark.slow
 def test_a_host_whose_server_is_gone_goes_on() -> None:
     with LivePage(ABOUT, port=0) as page:
         page._process.kill()

@@ -62,6 +62,7 @@ def test_each_bone_has_its_body_in_every_tick():
         assert np.abs(same).max() < ROUNDED
 
 
+@pytest.mark.slow
 def test_skins_are_those_of_the_page_in_the_first_pose():
     glb, page = Glb(data()), Glb(skin_file(Cast.of(seen().model)))
     bones = np.tile(np.eye(4), (bodies().shape[1], 1, 1))

@@ -14,6 +14,7 @@ from highfive.hil.view.wire import PoseMessage
 from highfive.model.errors import HighFiveError
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("role", ["", "&role=participant"])
 def test_a_page_that_connects_is_told_the_last_contacts_in_order(role: str) -> None:
     with LivePage({"mode": "session"}, port=0) as page:
@@ -31,6 +32,7 @@ def test_a_page_that_connects_is_told_the_last_contacts_in_order(role: str) -> N
             assert [text["past"] for text in told] == ([] if role else [True] * (CONTACTS - 1) + [False])
 
 
+@pytest.mark.slow
 def test_who_connects_while_nothing_comes_is_told_whether_that_is_between_two_high_fives() -> None:
     still = PoseMessage(0, 1, 2, 0, 1.0, 0.0, np.ones((59, 7)), np.zeros((16, 3)), np.ones(16, dtype=bool))
     with LivePage({"mode": "session"}, port=0) as page, looks_on(page) as first:

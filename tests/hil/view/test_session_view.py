@@ -59,6 +59,7 @@ def test_a_session_that_ends_before_it_is_through_says_why_on_the_page() -> None
     assert text["message"] == "The arm was stopped: tested" and text["stopped"] and text["trials"] == 2
 
 
+@pytest.mark.slow
 def test_a_page_with_an_arm_has_its_plate_and_why_it_was_stopped_at_once() -> None:
     scene, folder = build_scene(), find_arm(DEFAULT_ARM)
     (partner,) = simulated_partners(1, ("happy",), ("B2",), 0)

@@ -108,6 +108,7 @@ def test_at_the_end_the_camera_goes_off(page: LivePage) -> None:
         assert allowing.evaluate("panel.line.textContent") == "The camera is off."
 
 
+@pytest.mark.slow
 def test_a_camera_that_the_browser_refuses_is_called_so(page: LivePage) -> None:
     """The browser's own refusal, nobody asked."""
     with Browser((800, 450), ["--use-fake-device-for-media-stream", "--deny-permission-prompts"]) as refusing:

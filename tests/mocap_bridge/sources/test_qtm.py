@@ -131,6 +131,7 @@ def _linked(client, qtm, opening):
     return link
 
 
+@pytest.mark.slow
 def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.create_connection((LOOPBACK, server.port)) as lazy, following(server) as source:
         lazy.sendall(wire.encode_text(Kind.COMMAND, "StreamFrames AllFrames 3DRes"))

@@ -26,6 +26,7 @@ def found(sent: Sent, nominal_hz: float) -> tuple[np.ndarray, float]:
     return lost_before(sent.stamps, sent.stamps + DELAY_S, nominal_hz)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", RATES)
 @pytest.mark.parametrize("case", CASES)
 @pytest.mark.parametrize("even", [True, False], ids=["nominal rate", "irregular"])

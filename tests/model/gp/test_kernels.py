@@ -40,6 +40,7 @@ def b() -> jax.Array:
     return jnp.asarray(np.random.default_rng(2).normal(size=(7, DIMS)))
 
 
+@pytest.mark.slow
 def test_symmetric(kernel: Kernel, a: jax.Array, b: jax.Array):
     np.testing.assert_allclose(kernel.cross(a, b), kernel.cross(b, a).T, rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(kernel.pair(a[0], b[0]), kernel.pair(b[0], a[0]), rtol=1e-12)
@@ -60,6 +61,7 @@ def test_batch_is_the_form_for_one_pair(kernel: Kernel, a: jax.Array, b: jax.Arr
     assert kernel.diagonal(a).shape == (30,)
 
 
+@pytest.mark.slow
 def test_derivative_is_that_of_finite_differences(kernel: Kernel, a: jax.Array, b: jax.Array):
     """By parameters and both inputs, of the fast form; and where inputs are the same."""
     weights = np.random.default_rng(3).normal(size=(30, 7 + 30))

@@ -33,6 +33,7 @@ def dense(kernel, style, a, a_styles, b, b_styles) -> np.ndarray:
     return np.asarray(kernel.cross(a, b) * (a_styles @ style_covariance(style) @ b_styles.T))
 
 
+@pytest.mark.slow
 def test_dtc_value_equals_the_naive_dense_one(setting):
     inputs, styles, values, kernel = setting
     some = layer(kernel, inputs, styles, slice(0, 12))
@@ -49,6 +50,7 @@ def test_dtc_value_equals_the_naive_dense_one(setting):
     assert float(bound) >= exact.negative_log_likelihood(full + NOISE * np.eye(40), values)
 
 
+@pytest.mark.slow
 def test_all_points_inducing_is_the_exact_process(setting):
     inputs, styles, values, kernel = setting
     every = layer(kernel, inputs, styles, slice(None))
@@ -89,6 +91,7 @@ def test_points_of_their_own_noise_are_the_exact_process_with_that_noise(setting
     np.testing.assert_allclose(sparse.means(posterior, jnp.asarray(new), jnp.asarray(mixed)), means, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("weights", [None, np.linspace(0.0, 3.0, 40)])
 def test_gradient_equals_finite_differences(setting, weights):
     inputs, styles, values, kernel = setting
@@ -136,6 +139,7 @@ def test_noise_stays_in_bounds_and_inverts():
     assert np.isclose(np.sqrt(sparse.noise_variance(sparse.raw_noise(0.04, bounds), bounds)), 0.04)
 
 
+@pytest.mark.slow
 def test_likelihood_posterior_and_its_file_take_any_kernel(setting, tmp_path):
     inputs, styles, values, _ = setting
     some = layer(RBF.initial(3) * Linear.initial(3) + Constant.initial(3), inputs, styles, slice(0, 12))

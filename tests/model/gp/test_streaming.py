@@ -34,6 +34,7 @@ def fitted(inducing, inducing_styles, inputs, values, styles, weights=None) -> P
     return sparse.fit(chosen, jnp.asarray(inputs), own, jnp.asarray(NOISE), styles, offset, scale, given)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("styled", [False, True])
 @pytest.mark.parametrize("share", [1.0, 0.3])
 def test_update_is_the_fit_to_old_and_new_points_with_the_old_ones_weighted_by_the_share(styled, share) -> None:
@@ -51,6 +52,7 @@ def test_update_is_the_fit_to_old_and_new_points_with_the_old_ones_weighted_by_t
     np.testing.assert_allclose(function_variance(found, at, styles), function_variance(expected, at, styles), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_further_inducing_inputs_alone_change_nothing() -> None:
     rng = np.random.default_rng(1)
     inputs, values, styles = points(rng, 50, True)

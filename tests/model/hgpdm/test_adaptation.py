@@ -37,6 +37,7 @@ def said(model: HGPDM, trials: list[Trial], body) -> np.ndarray:
     return np.concatenate([online(model, body)(trial).outputs for trial in trials])
 
 
+@pytest.mark.slow
 def test_it_comes_nearer_to_another_laboratory_and_says_by_how_much(model: HGPDM, new, body) -> None:
     learn, held = new
     after, moved = adapt(model, learn)
@@ -65,6 +66,7 @@ def test_styles_that_the_new_trials_do_not_show_stay_and_the_file_holds_it(model
     assert read.settings["adapted_from"] == model.data_hash
 
 
+@pytest.mark.slow
 def test_its_own_trials_hardly_move_it(model: HGPDM, trials, body) -> None:
     after, moved = adapt(model, trials)
     held = [trial for trial in trials if trial.test]

@@ -13,6 +13,7 @@ from highfive.model.hgpdm.presets import DEFAULT, PAPER
 from highfive.model.hgpdm.trials import Trial
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "preset", [DEFAULT, pytest.param(PAPER, marks=pytest.mark.slow)], ids=lambda preset: preset.name
 )
@@ -30,6 +31,7 @@ def test_gradient_of_the_joint_objective_equals_finite_differences(trials: list[
         np.testing.assert_allclose(both(flat)[1] @ direction, slope, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_scale_of_free_latents_is_a_gauge(trials: list[Trial]):
     task = problem(training_set(trials, replace(PAPER, points=150)), PAPER)
     start = initial_parameters(task, 15, np.random.default_rng(0))

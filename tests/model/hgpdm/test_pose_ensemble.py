@@ -77,6 +77,7 @@ def armed(model: HGPDM, told: list[Trial]) -> HGPDM:
     return replace(model, contact=contact, arm_contact=arm, ensemble=ensemble, task_space=None)
 
 
+@pytest.mark.slow
 def test_an_arm_that_tells_nothing_beyond_the_hand_is_not_asked(model: HGPDM):
     trials = people(False)
     ensemble, left_out = fitted(model, trials)
@@ -113,6 +114,7 @@ def test_an_arm_that_tells_more_has_its_share_while_it_is_known_and_fades(armed:
     assert largest[round((FADE + 0.2) * RATE)] < 0.02 * largest[0] and largest[0] > 0.01
 
 
+@pytest.mark.slow
 def test_its_file_holds_it_and_a_damaged_one_is_refused(armed: HGPDM, tmp_path: Path):
     path = tmp_path / "model.safetensors"
     save_model(armed, path)

@@ -102,6 +102,7 @@ def test_a_doubted_point_widens_the_belief_by_what_it_would_change(armed: HGPDM,
         )  # covariances are pooled
 
 
+@pytest.mark.slow
 def test_without_an_arm_the_hand_is_answered_as_ever(armed: HGPDM, trial: Trial) -> None:
     bare = replace(armed, arm_contact=None)
     nothing = dict.fromkeys(range(len(trial.hand_points)))
@@ -110,6 +111,7 @@ def test_without_an_arm_the_hand_is_answered_as_ever(armed: HGPDM, trial: Trial)
     assert not same(said(armed, trial)[60], said(bare, trial)[60])
 
 
+@pytest.mark.slow
 def test_a_hidden_point_is_the_hands_forecast_until_it_was_seen_for_as_long_as_is_looked_back(
     armed: HGPDM, trial: Trial
 ) -> None:
@@ -134,6 +136,7 @@ def test_trials_without_an_arm_are_refused_where_it_is_wanted(model: HGPDM, tria
         fit_contact_layers(bare, model.feature_map, model.preset.history, 40, whole_arm=True)
 
 
+@pytest.mark.slow
 def test_what_both_layers_say_is_pooled_and_meets_the_truth(armed: HGPDM, trial: Trial) -> None:
     whole, hand = said(armed, trial), said(replace(armed, arm_contact=None), trial)
     for before in (6, 12, 18):
@@ -144,6 +147,7 @@ def test_what_both_layers_say_is_pooled_and_meets_the_truth(armed: HGPDM, trial:
         assert np.isfinite(alone).all() and not np.allclose(alone, hand[frame].point)
 
 
+@pytest.mark.slow
 def test_a_file_keeps_it_and_one_of_before_has_none(armed: HGPDM, trial: Trial, tmp_path) -> None:
     save_model(armed, tmp_path / "armed.safetensors")
     read = load_model(tmp_path / "armed.safetensors")
@@ -152,6 +156,7 @@ def test_a_file_keeps_it_and_one_of_before_has_none(armed: HGPDM, trial: Trial, 
     assert load_model(tmp_path / "before.safetensors").arm_contact is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "message"),
     [
@@ -166,6 +171,7 @@ def test_points_that_no_arm_has_are_refused(armed: HGPDM, trial: Trial, points: 
         responder.step(trial.hand_points[0], None, ArmPoints(points, np.zeros((3, 3, 3))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [30.0, 60.0])
 def test_the_tempo_of_ticks_is_the_one_that_was_learned(armed: HGPDM, trial: Trial, rate: float) -> None:
     every = round(RATE / rate)
@@ -184,6 +190,7 @@ def test_the_tempo_of_ticks_is_the_one_that_was_learned(armed: HGPDM, trial: Tri
     assert np.ptp(learned, axis=0).min() > 0.1  # a hand that moves
 
 
+@pytest.mark.slow
 def test_a_tempo_that_no_reach_has_leaves_it_to_the_hand(armed: HGPDM, trial: Trial) -> None:
     """Who gestures for long and then reaches is no slow reach."""
     assert armed.arm_contact is not None
@@ -205,6 +212,7 @@ def test_a_tempo_that_no_reach_has_leaves_it_to_the_hand(armed: HGPDM, trial: Tr
     np.testing.assert_allclose([*(found.point - knuckles), found.time], by_hand[0])
 
 
+@pytest.mark.slow
 def test_ticks_that_are_passed_over_count(armed: HGPDM, trial: Trial) -> None:
     def since(passed_over: bool) -> float:
         responder = Responder(armed, "neutral", RATE)

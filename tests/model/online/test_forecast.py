@@ -141,6 +141,7 @@ def test_factors_are_interpolated_in_time_and_in_the_logarithm_of_the_speed() ->
     np.testing.assert_array_equal(layer.calibrated(0.2, 0.0, np.eye(4)), layer.calibrated(0.2, SPEEDS[0], np.eye(4)))
 
 
+@pytest.mark.slow
 def test_a_calibrated_covariance_is_one(fitted) -> None:
     layer = fitted(0.03, 60)[0]
     factor = np.random.default_rng(0).normal(size=(4, 4))

@@ -73,12 +73,14 @@ def test_online_it_says_what_the_layer_says_of_the_recording(knowing: HGPDM, tau
         np.testing.assert_allclose(said(knowing, track.hand_points), by_the_book(taught, track), atol=1e-6)
 
 
+@pytest.mark.slow
 def test_while_the_hand_is_hidden_the_word_stands(knowing: HGPDM) -> None:
     track = made_up_trial(0.45, "angry", RATE, np.random.default_rng(2))
     found = said(knowing, track.hand_points, slice(50, 60))
     assert found[49:60] == [found[49]] * 11 and found[60] != found[49]
 
 
+@pytest.mark.slow
 def test_before_a_hand_is_seen_and_without_the_layer_nothing_is_said(model: HGPDM, knowing: HGPDM) -> None:
     responder = Responder(knowing, "neutral", RATE)
     assert responder.step(None).contact_probability is None
@@ -88,6 +90,7 @@ def test_before_a_hand_is_seen_and_without_the_layer_nothing_is_said(model: HGPD
     assert said(model, np.ones((3, 2, 3))) == [None] * 3
 
 
+@pytest.mark.slow
 def test_what_is_answered_does_not_depend_on_it(model: HGPDM, knowing: HGPDM) -> None:
     hands = made_up_trial(0.45, "angry", RATE, np.random.default_rng(2)).hand_points
     one, two = Responder(model, "neutral", RATE), Responder(knowing, "neutral", RATE)
@@ -125,6 +128,7 @@ def test_of_one_class_alone_nothing_is_learned() -> None:
         fit_intent([made_up_trial(0.4, "angry", RATE, np.random.default_rng(1))], [])
 
 
+@pytest.mark.slow
 def test_the_file_keeps_it_and_files_of_before_have_none(model: HGPDM, knowing: HGPDM, tmp_path: Path) -> None:
     path = tmp_path / "m.safetensors"
     save_model(knowing, path)
@@ -134,6 +138,7 @@ def test_the_file_keeps_it_and_files_of_before_have_none(model: HGPDM, knowing: 
     assert load_model(path).intent is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["intent.squash", "intent_features.centre", "intent.weights"])
 def test_a_damaged_layer_is_refused(knowing: HGPDM, tmp_path: Path, name: str) -> None:
     path = tmp_path / "m.safetensors"

@@ -21,6 +21,7 @@ COMMAND = [sys.executable, "-m", "highfive.hil.cli.main", "rig", "emulate"]
 fails = failing("rig", "emulate")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_it_serves_until_it_is_ended(tmp_path: Path, how: signal.Signals) -> None:
     link = tmp_path / "arm"

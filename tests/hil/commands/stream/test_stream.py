@@ -132,6 +132,7 @@ def joined_later(after_s: float) -> Iterator[str]:
         server.close()
 
 
+@pytest.mark.slow
 def test_a_person_who_comes_later_is_waited_for() -> None:
     with joined_later(2.5) as address:
         said = summary(address, "--person", "Anna", "--seconds", 1)

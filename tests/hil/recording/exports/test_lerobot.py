@@ -89,6 +89,7 @@ def check_whole(folder: Path) -> None:
         assert set(columns["task_index"][columns["episode_index"] == episode["episode_index"]]) == {index}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fps", [30, 50, 120])
 def test_the_arm_is_where_it_was_and_was_told_what_it_was(run, tmp_path, fps) -> None:
     with_arm(tmp_path / "s.mcap")

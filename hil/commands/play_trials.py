@@ -121,7 +121,7 @@ def play(
                         options, number, trouble, recorder, watch, view, first=not results, empty=not kept.begun
                     )
                     return replace(played, interrupted=True, why=trouble)
-                result = replace(result, style=kept.style)
+                result = replace(result, style=kept.called)
                 kept.end(result)
                 arm = None if watch is None else _arm_of(number, watch, result.style, partner, recorder)
                 results.append(result if len(results) < WHOLE else result.condensed())
@@ -155,7 +155,7 @@ def _add_broken_off(played: Played, kept: Kept, watch: ArmWatch | None) -> None:
     if not kept.begun or kept.over:
         return
     partner, number = kept.head.partner, kept.head.number
-    arm = None if watch is None else watch.end(kept.style, partner.cell, partner.contact_frame)
+    arm = None if watch is None else watch.end(kept.called, partner.cell, partner.contact_frame)
     if watch is not None and arm is not None and played.arm is not None:
         broken_off = replace(arm, broken_off=True)
         played.arm.add(number, broken_off, watch.loop.retarget, watch.loop.limits, watch.loop.trouble)
@@ -205,6 +205,7 @@ class Kept:
         self._asked, self.style = (session.weights, session.corrects), head.style
         self._events, self._about = TrialEvents(), {"trial": head.number, "emotion": head.partner.emotion}
         self._begun = self.over = False
+        self._met_in: str | None = None
 
     def __call__(self, begins: TickInput, tick: Tick, state: PlayState, tick_ms: float) -> None:
         """A tick."""
@@ -214,6 +215,8 @@ class Kept:
         first, self._begun = not self._begun, True
         self.record_arm()
         happened = self._events(tick, state)
+        if "contact" in happened:
+            self._met_in = self.style
         for event in ["trial_start", *happened] if first else happened:
             self._recorder.record_event(event, begins.at_ns, style=self.style, **self._about)
         if (asked := (self._session.weights, self._session.corrects)) != self._asked:
@@ -222,6 +225,11 @@ class Kept:
             self._recorder.record_event("answer_changed", begins.at_ns, style=self.style, **about)
         if self._replay is not None:
             self._replay.check(self.head.number, tick)
+
+    @property
+    def called(self) -> str:
+        """The style that it is called by: in which palms met, and else the last; somebody may change it meanwhile."""
+        return self.style if self._met_in is None else self._met_in
 
     @property
     def begun(self) -> bool:

@@ -66,7 +66,7 @@ class TrialSpan:
     def text(self, name: str) -> str:
         """What ``/trial`` says of it (``emotion``, ``style``, ``cell``, ``title``); '' where it says nothing.
 
-        The style is the one in which it was judged, in which it ended, where somebody changed it on the way.
+        The style is the one by which it was judged: in which palms met, or in which it ended where they did not.
         """
         value = (self.contact.get(name) if name == "style" else None) or self.about.get(name)
         return value if isinstance(value, str) else ""

@@ -306,7 +306,8 @@ def _reproduce(summary: dict[str, Any], settings: SessionSettings) -> str:
     again = (
         f"A live hand never moves the same again: what it did, and what it was answered, {kept}"
         if summary["live"]
-        else f"The style was changed on the page: what was answered {kept}"
+        else "The style was changed on the page; a high five is called by the one in which palms met. When, and what "
+        f"was answered, {kept}"
         if _style_changed(summary)
         else "The same seed, model and versions give the same trajectories and contact figures, bit for bit; timings "
         "are of the machine."

@@ -173,9 +173,14 @@ def _markers(summary: dict[str, Any]) -> str:
 
 def _reproduce(summary: dict[str, Any], command: Sequence[str]) -> str:
     files = summary["files"]
+    said = (
+        "its gaps filled; a point that was put in has residual 0, a measured one of this person more."
+        if any(of["filled"] for of in summary["markers"].values())
+        else "nothing put in: there was no gap that could be filled, and each point keeps the residual that it had."
+    )
     return (
-        f"<pre>{escape(shlex.join(command))}</pre><p><code>{escape(files['filled'])}</code> is the recording with its "
-        "gaps filled; a point that was put in has residual 0, a measured one more. "
+        f"<pre>{escape(shlex.join(command))}</pre><p><code>{escape(files['filled'])}</code> is the recording with "
+        f"{said} "
         f"<code>{escape(files['angles'])}</code> has the angles of every frame, <code>{DATA}</code> the numbers of "
         f"this page; its pictures are in <code>{FIGURES}/</code>. What is hidden is estimated from before and after; "
         "angles and residuals are the tracker's, which knows what came before, as in a live session.</p>"

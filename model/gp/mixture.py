@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
@@ -93,7 +94,9 @@ def _maximised(points: Array, count: int, seed: int, floor: float, tied: bool) -
     """BIC, and a mixture of so many components, by expectation–maximisation."""
     total, dims = points.shape
     if tied:  # groups of one size: k-means begins near them
-        nearest = np.asarray(cast(Any, kmeans2)(points, count, minit="++", rng=seed)[1])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # of a group that is empty: it gets its share below
+            nearest = np.asarray(cast(Any, kmeans2)(points, count, minit="++", rng=seed)[1])
     else:
         first = points[np.random.default_rng(seed).choice(total, count, replace=False)]
         nearest = np.array([np.sum((points - point) ** 2, axis=1) for point in first]).argmin(axis=0)

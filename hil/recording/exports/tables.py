@@ -89,6 +89,7 @@ def contact_rows(spans: Iterable[TrialSpan]) -> list[dict[str, Any]]:
         rows.append(
             {"trial": span.number + 1, "start": start, "duration": 1e-9 * (span.end_ns - span.start_ns)}
             | {name: span.text(name) for name in _TEXTS}
+            | ({} if span.about.get("simulated") is True else {"emotion": ""})  # of a person nobody knows it
             | {name: _yes(contact.get(name)) for name in ("met", "out_of_reach")}
             | {"contact_time": None if met_time is None else start + met_time}
             | {name: _number(contact.get(name)) for name in CONTACT}

@@ -77,6 +77,7 @@ def test_damaged_places_are_refused(model: HGPDM, tmp_path: Path, changes: dict[
         load_model(path)
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("count", [1, 2, 5, 20])
 def test_of_few_trials_there_are_few_places(trials: list[Trial], count: int) -> None:
     places = contact_places([trials[i % len(trials)] for i in range(count)])

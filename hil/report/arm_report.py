@@ -154,8 +154,12 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
     broken_off = summary["broken_off"]
     met = summary["trials"] - impossible - summary["missed"] - broken_off
     lines = [
-        f"The plate met the palm in {met} of {summary['trials']} trials; {impossible} were out of reach, or known of "
-        "too late."
+        f"The plate met the palm in {met} of {met + summary['missed']} trials in which it could."
+        + (
+            f" {impossible} were out of reach, or known of too late: the table has them, these figures have not, "
+            "whether the plate touched the palm or not."
+        )
+        * (impossible > 0)
         + (f" {broken_off} broken off before the palms met, and not in the figures of how they met." * (broken_off > 0))
     ]
     if error["median"] is not None:

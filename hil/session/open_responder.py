@@ -23,6 +23,7 @@ from highfive.model.online.reaction import (
     Reaction,
     ReactionModel,
     SimpleReaction,
+    hypotheses_of_contact,
     probability_of_contact,
 )
 from highfive.model.online.responder import Responder
@@ -168,6 +169,7 @@ class _Guarded:
             None if last.contact is None else last.contact.later(seconds),
             last.in_distribution,
             probability_of_contact(last),
+            hypotheses_of_contact(last),
         )
 
     def skip(self, ticks: int) -> None:

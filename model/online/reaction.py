@@ -77,6 +77,7 @@ class SimpleReaction:
     contact: ContactForecast | None = None
     in_distribution: bool = True
     contact_probability: float | None = None
+    hypotheses: GaussianMixture | None = None
 
 
 def current_forecast(reaction: Reaction) -> ContactForecast | None:
@@ -93,7 +94,7 @@ def probability_of_contact(reaction: Reaction) -> float | None:
 def hypotheses_of_contact(reaction: Reaction) -> GaussianMixture | None:
     """Where the palms may meet, m, where a model says it as ``hypotheses``; it need not."""
     found = getattr(reaction, "hypotheses", None)
-    return found if isinstance(found, GaussianMixture) else None
+    return found if isinstance(found, GaussianMixture) and found.points.shape[1:] == (3,) else None
 
 
 class OnlineResponder(Protocol):

@@ -13,6 +13,7 @@ from highfive.model.hgpdm.contact_places import contact_places
 from highfive.model.hgpdm.store import load_model, save_model
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.reaction import SimpleReaction, hypotheses_of_contact
 from highfive.model.online.responder import Responder, Response
 
 
@@ -89,3 +90,12 @@ def test_of_few_trials_there_are_few_places(trials: list[Trial], count: int) -> 
 @pytest.mark.filterwarnings("error")
 def test_the_same_contact_again_and_again_is_one_place(trials: list[Trial]) -> None:
     assert len(contact_places([trials[0]] * 12).weights) == 1
+
+
+def test_a_model_of_somebody_elses_may_say_places_and_what_is_none_is_not_taken_for_one() -> None:
+    still = SimpleReaction(np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), 0.5)
+    places = GaussianMixture(np.ones(1), np.zeros((1, 3)), np.eye(3)[None])
+    assert hypotheses_of_contact(still) is None
+    assert hypotheses_of_contact(replace(still, hypotheses=places)) is places
+    flat = GaussianMixture(np.ones(1), np.zeros((1, 2)), np.eye(2)[None])
+    assert hypotheses_of_contact(replace(still, hypotheses=flat)) is None

@@ -7,6 +7,7 @@ a time of its own, and in virtual time something else stands in its place.
 
 import ast
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -36,8 +37,13 @@ SLEEPERS = {
 """Who sleeps, and what for."""
 
 
-def asks(path: Path) -> Iterator[str]:
+@cache
+def asks(path: Path) -> tuple[str, ...]:
     """What a file uses of the module ``time``, without ``_ns``."""
+    return tuple(_asks(path))
+
+
+def _asks(path: Path) -> Iterator[str]:
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id == "time":
             yield node.attr.removesuffix("_ns")

@@ -35,6 +35,7 @@ def test_the_delay_comes_back_within_half_a_millisecond_or_three_stated_errors(d
     assert found.gain == pytest.approx(0.35 / 0.4, rel=0.01)
 
 
+@pytest.mark.slow
 def test_the_stated_error_holds() -> None:
     """Of sixty injected delays, most lie within it."""
     inside = 0

@@ -59,6 +59,7 @@ print(doubled(21.0))
 """
 
 
+@pytest.mark.slow
 def test_machine_code_that_an_interrupt_kept_from_being_handed_over_works_and_is_not_kept(tmp_path: Path) -> None:
     """The interrupt is raised again by who swallowed it; an error of the compiler would hide it."""
     program = tmp_path / "program.py"

@@ -300,6 +300,7 @@ def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     assert [(row[0], row[2]) for row in cells] == [("4", "B2"), ("5", "B1")]
 
 
+@pytest.mark.slow
 def test_a_long_session_keeps_figures_of_every_high_five_and_ticks_of_the_first(
     loop: ArmLoop, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -22,6 +22,7 @@ def test_settings_are_chosen_on_other_high_fives(choice: dict[tuple[str, str], R
         assert clip.palm.shape != measured[key].palm.shape or np.abs(clip.palm - measured[key].palm).max() > 0.02
 
 
+@pytest.mark.slow
 def test_a_quick_hand_that_is_then_held_is_met_where_it_is(choice: dict[tuple[str, str], RecordedClip]) -> None:
     placement, marker_set = _placed(choice[PRACTICE], OPTIONS)
     felt = play(choice["angry", "C3"], OPTIONS, placement, marker_set)

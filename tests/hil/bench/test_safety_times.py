@@ -53,6 +53,7 @@ def tell(what: str, times: Sequence[float]) -> float:
     return max(times)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("phases", [PHASES[1::3], pytest.param(PHASES, marks=pytest.mark.slow)], ids=["some", "all"])
 @pytest.mark.parametrize(
     ("happening", "stood_ms", "mode", "trips"),

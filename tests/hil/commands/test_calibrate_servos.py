@@ -172,6 +172,7 @@ def test_a_horn_on_the_wrong_tooth_is_told(kept: Path, measured: Seen, tmp_path:
         written_servos(wanted(kept, tmp_path / "new.toml"), replace(measured, poses=poses), lambda _: True)
 
 
+@pytest.mark.slow
 def test_a_shadow_that_stands_otherwise_than_it_did_is_refused_at_start_up(kept: Path, tmp_path: Path) -> None:
     """Calibrated 6 counts apart; now the two say the same: 6 counts are harmless, but 12 are more than were allowed."""
     found = load_arm(kept)

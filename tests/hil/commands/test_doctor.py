@@ -8,6 +8,7 @@ import sys
 from dataclasses import asdict
 from importlib.metadata import version
 
+import pytest
 from typer.testing import CliRunner
 
 from highfive.hil.cli.main import app
@@ -50,6 +51,7 @@ def test_for_people_it_ends_with_what_works() -> None:
     assert result.stdout.splitlines()[-1].startswith("A simulated session works here")
 
 
+@pytest.mark.slow
 def test_it_does_not_fail_for_want_of_what_it_looks_for() -> None:
     code = """
 import sys

@@ -70,6 +70,7 @@ def test_from_a_template_to_plans_and_back_to_nobody(highfive, tmp_path: Path) -
     assert code == 0 and "plan.png was deleted" in out and not (tmp_path / "s" / "plan.png").exists()
 
 
+@pytest.mark.slow
 def test_bad_input_is_one_line(highfive, tmp_path: Path) -> None:
     path = written(tmp_path, "tipping", {"participants = 12": "participants = 1"})
     refused(highfive("plan"), "give FILE.toml, or --template NAME")

@@ -52,6 +52,7 @@ def test_it_is_exported_beside_its_recording(run, folder: Path) -> None:
     assert code == 0 and json.loads(out)["files"] == [str(folder / "morning" / "block-1.npz")]
 
 
+@pytest.mark.slow
 def test_its_recording_is_opened(fails, folder: Path) -> None:
     assert "person: the recording has no stream person; it has none" in fails(*COMMANDS["calibrate event"](folder))
     assert "is seen with: highfive view" in fails(*COMMANDS["simulate"](folder), "--view")

@@ -18,6 +18,7 @@ def test_the_page_says_why_a_session_ended_early_and_where_its_report_is(why: st
     assert told["report"] == str(Path.cwd() / "out" / "session-1" / "report.html")
 
 
+@pytest.mark.slow
 def test_what_a_live_person_is_told_is_on_terminal_and_page(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level("INFO")
     with LivePage({"mode": "session"}, port=0) as page:

@@ -102,11 +102,13 @@ def test_a_recording_whose_arm_is_elsewhere_is_shown_without_it(tmp_path: Path) 
     assert f"shown without its servo arm: there is no arm '{folder}'" in said
 
 
+@pytest.mark.slow
 def test_pages_are_not_told_whose_folder_an_arm_is_in(tmp_path: Path) -> None:
     with LivePage({"mode": "session", "rig": str(tmp_path)}, port=0) as page:
         assert hello_of(page)["rig"] is True
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "source, hand",
     [

@@ -54,6 +54,7 @@ def test_a_pause_takes_no_patience_and_other_wishes_are_kept(page: LivePage, lin
     assert [kept.name for kept in page.commands()] == ["style"]
 
 
+@pytest.mark.slow
 def test_the_end_button_ends_it(page: LivePage, link: ClientConnection) -> None:
     waiting = Waiting(page, 60.0, VirtualClock())
     assert waiting.look("nobody is here")

@@ -77,6 +77,7 @@ def cut(start: float, end: float) -> Callable[[Recording, float], Recording]:
     return part
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("happens", "wanted", "says"),
     [

@@ -25,6 +25,7 @@ with claimed(Path(sys.argv[1])) as mine:
 """
 
 
+@pytest.mark.slow
 def test_one_process_has_a_training_and_a_killed_one_no_longer(tmp_path: Path) -> None:
     path = tmp_path / "x.lock"
     with subprocess.Popen([sys.executable, "-c", HOLDER, path], stdout=subprocess.PIPE, text=True) as other:

@@ -84,6 +84,7 @@ def kill(folder: Path, times: int, seed: int) -> None:
     assert kills > times // 2
 
 
+@pytest.mark.slow
 def test_no_trial_is_lost_and_none_asked_twice_unmarked(tmp_path: Path) -> None:
     # As many people as kills: on a quick disk one may answer all before the kill.
     kill(study(tmp_path, changes={"participants = 12": "participants = 8"}), times=8, seed=0)

@@ -124,6 +124,7 @@ def test_nothing_and_two_sources_are_refused(tmp_path: Path) -> None:
             analyse(options)
 
 
+@pytest.mark.slow
 def test_a_study_of_one_person_has_her_figures_and_a_line_of_what_needs_more(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

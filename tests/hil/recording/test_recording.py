@@ -191,6 +191,7 @@ while True:
 """
 
 
+@pytest.mark.slow
 def test_a_killed_process_leaves_a_readable_file(tmp_path):
     path = tmp_path / "killed.mcap"
     arguments = [sys.executable, "-c", WRITES_FOR_EVER, str(HELPERS), str(path)]

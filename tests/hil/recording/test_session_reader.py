@@ -44,6 +44,7 @@ def test_high_fives_come_one_by_one_with_their_own_time(recorded: Path) -> None:
     assert session.settings["model"] == "default" and len(session.joints) == 53
 
 
+@pytest.mark.slow
 def test_a_notebook_shows_what_is_there_and_not_every_number(recorded: Path) -> None:
     session = read_session(recorded)
     assert repr(session) == f"<{recorded}: 2 high fives>"

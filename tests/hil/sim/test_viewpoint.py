@@ -46,6 +46,7 @@ def test_it_stands_where_mujocos_free_camera_does(
     np.testing.assert_allclose(axes[:, 1], drawn.camera[0].up, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["front", "60,-15,2.5"])
 def test_the_close_camera_looks_at_the_hands_in_the_same_direction(text: str) -> None:
     scene = build_scene(visible=True)

@@ -47,6 +47,7 @@ def ticked(
     return begun, {"late": trial.late, "predicted": trial.predicted, "stale": trial.stale}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [30, 50, 60, 75, 78, 82, 90, 100, 120, 200, 240, 500])
 def test_at_any_rate_ticks_are_for_now_and_never_further_apart_than_a_frame_or_a_tick(
     rate: int, greeting: Recording, clock: VirtualClock

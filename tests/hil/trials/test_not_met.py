@@ -80,6 +80,7 @@ def test_too_few_pictures(why: Callable[..., str]) -> None:
     assert said.startswith("only 1.") and "pictures" in said
 
 
+@pytest.mark.slow
 def test_a_gesture_that_is_no_high_five(why: Callable[..., str]) -> None:
     partner, _ = distractor_partner(Drawn("scratch", "happy", (3, 1)))
     said = why(partner)

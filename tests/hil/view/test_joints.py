@@ -79,6 +79,7 @@ def test_what_is_no_message_of_a_headset_does_not_reach_the_host(page: LivePage)
         assert told(link) == [] and come(page) == [7]
 
 
+@pytest.mark.slow
 def test_nobody_asks_for_it_where_the_session_does_not() -> None:
     with LivePage({}, port=0) as page, look_on(page) as link:
         link.send(message(1))

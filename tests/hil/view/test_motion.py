@@ -142,6 +142,7 @@ def test_what_does_not_go_on_is_drawn_as_it_is(browser: Browser) -> None:
         assert drawn_bodies(browser, sent, [(105.0, holds + 20.0)])[0, 0, 0] == pytest.approx(5.0), (holds, time, rate)
 
 
+@pytest.mark.slow
 def test_markers_go_with_the_hand_and_one_that_is_hidden_stays_where_it_is(browser: Browser) -> None:
     found = browser.evaluate(
         "import('/motion.js').then(({Motion}) => { const m = new Motion(); for (let i = 0; i < 12; i++)"

@@ -203,6 +203,7 @@ def shipped_with(path: Path, change: Callable[[str, int, bytes], bytes | None]) 
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_of_a_version_without_markers_is_shown_without_them(tmp_path: Path) -> None:
     older = shipped_with(tmp_path / "older.mcap", lambda topic, _, data: None if topic == "/markers" else data)
     found = recorded_trials(older, build_scene())

@@ -88,6 +88,7 @@ def test_nets_that_are_others_are_refused(
         net_files()
 
 
+@pytest.mark.slow
 def test_compiled_code_may_run_there_and_nothing_more(page: LivePage) -> None:
     def get(path: str) -> tuple[int, dict[str, str], bytes]:
         link = HTTPConnection("127.0.0.1", page.port, timeout=30)
@@ -122,6 +123,7 @@ def test_the_whole_picture_is_turned_round_for_a_left_hand(
     assert turned == ("matrix(-1, 0, 0, 1, 0, 0)" if hand == "left" else "none")
 
 
+@pytest.mark.slow
 def test_landmarks_of_one_page_reach_the_source_and_no_others(page: LivePage) -> None:
     found = load_clips()[0].landmarks[0]
     source = WebcamSource(page, CameraPerson())

@@ -259,6 +259,7 @@ def test_nobody_in_the_picture_hides_all_and_somebody_new_is_begun_with(clips: l
     assert again.valid.all()
 
 
+@pytest.mark.slow
 def test_the_wrist_is_where_it_says(clips: list[RecordedClip]) -> None:
     """Raised hands of people on whom no setting was chosen: across the view 3 cm, with depth, its constant part aside,
     as docs/performance.md has it with some room."""

@@ -65,6 +65,7 @@ def test_further_inducing_inputs_alone_change_nothing() -> None:
     np.testing.assert_allclose(*variances, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_what_is_forgotten_and_not_seen_again_is_the_prior() -> None:
     rng = np.random.default_rng(2)
     inputs, values, _ = points(rng, 40, False)

@@ -53,6 +53,7 @@ def test_it_comes_nearer_to_another_laboratory_and_says_by_how_much(model: HGPDM
     assert all(after_ < before for before, after_ in (moved.left_out["pose"], moved.left_out["palm"]))
 
 
+@pytest.mark.slow
 def test_styles_that_the_new_trials_do_not_show_stay_and_the_file_holds_it(model: HGPDM, new, tmp_path) -> None:
     only = [trial for trial in new[0] if trial.emotion == model.emotions[0]]
     after, moved = adapt(model, only)

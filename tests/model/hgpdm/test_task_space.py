@@ -25,6 +25,7 @@ def left_out(task: Problem, errors: np.ndarray) -> LeftOut:
     return LeftOut(errors, errors, np.ones(len(errors)), task.data.trial % 4)
 
 
+@pytest.mark.slow
 def test_a_palm_that_errs_by_trial_is_led_to_the_contact_where_the_palms_meet(
     task: Problem, model: HGPDM, trials: list[Trial], body: Body
 ) -> None:

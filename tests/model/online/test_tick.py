@@ -47,6 +47,7 @@ def chained(model: HGPDM) -> HGPDM:
     return replace(model, preset=preset, feature_map=fit_feature_map(hands), back=back)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", STYLES.values(), ids=STYLES)
 def test_layer_is_that_of_the_batch_prediction(style: np.ndarray | None):
     posterior = posterior_of(3, 5, style is not None)

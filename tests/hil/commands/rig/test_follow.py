@@ -143,6 +143,7 @@ def test_refused_before_anything_moves() -> None:
         follow(ArmOptions("/dev/ttyUSB9", armed=True), io.StringIO(), print)
 
 
+@pytest.mark.slow
 def test_on_the_command_line(run: Callable[..., tuple[int, str, str]], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("sys.stdin", io.StringIO('{"goal": {"waist": 0.1}}\n{"end": true}\n'))
     code, out, _ = run("virtual")

@@ -245,6 +245,7 @@ def statistics(frames: int = 240) -> StreamStatistics:
     return kept
 
 
+@pytest.mark.slow
 def test_markers_are_counted_in_the_last_second_and_altogether() -> None:
     seen = statistics().snapshot(2_000_000_000)
     assert seen.frames == 240

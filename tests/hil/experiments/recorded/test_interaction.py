@@ -20,6 +20,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return played_study(tmp_path_factory.mktemp("study"))
 
 
+@pytest.mark.slow
 def test_figures_are_those_of_the_recorded_contacts(made: Path) -> None:
     rows = [replace(row, condition="interactive", block="I1") for row in study_rows(made).rows]
     found = interaction(made, rows)

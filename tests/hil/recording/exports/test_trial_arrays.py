@@ -47,6 +47,7 @@ def test_joints_are_the_skeletons():
         assert np.allclose(np.linalg.norm(part.orientations, axis=-1), 1.0)
 
 
+@pytest.mark.slow
 def test_an_older_recording_has_no_markers():
     for arrays in arrays_of(without(shipped_recording(), "/markers")):
         assert arrays.names == () and arrays.markers.shape == (len(arrays), 0, 3)

@@ -47,6 +47,7 @@ def test_the_size_of_a_simulated_person_is_found():
     assert np.median(moved) < 0.004
 
 
+@pytest.mark.slow
 def test_lengths_are_as_sure_as_they_say():
     """On people of other proportions with markers worn elsewhere; a still pose shows less than movement."""
     full, rng, away = load_marker_set("plug_in_gait_upper"), np.random.default_rng(8), []

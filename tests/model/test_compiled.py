@@ -85,6 +85,7 @@ with when_compiling(lambda: print("compiling")):
 """
 
 
+@pytest.mark.slow
 def test_machine_code_for_which_the_disk_has_no_room_works_and_is_not_kept(tmp_path: Path) -> None:
     program = tmp_path / "program.py"
     program.write_text(f"import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))\n{PROGRAM}")

@@ -280,6 +280,7 @@ def test_a_source_whose_clock_stands_still_does_not_make_a_measurement_younger(p
     assert ages[State.RETRACTING] <= LIMITS.stale.retract_s
 
 
+@pytest.mark.slow
 def test_the_summary_tells_it_all(loop: ArmLoop) -> None:
     trials = [played(still_hand(cell), loop) for cell in ("B2", "B1")]
     rows = [arm_figures(n, trial, loop.retarget, LIMITS) for n, trial in enumerate(trials, 3)]

@@ -23,6 +23,7 @@ def test_intervals_hold_what_was_put_in() -> None:
         assert within[name]["of"] == 36 and within[name]["share"] * 36 >= 24, (name, within[name])
 
 
+@pytest.mark.slow
 def test_a_truth_that_was_not_put_in_is_not_held() -> None:
     rng = np.random.default_rng(0)
     study = studies._morphs(rng, 2)

@@ -47,6 +47,7 @@ def test_the_figures_that_are_requested_are_there(small: dict, capsys: pytest.Ca
     assert "high five" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_what_is_not_there_is_left_out_and_said_so(small: dict):
     assert "real" not in small["lost_marker_rms_mm"]
     assert "--real FILE.c3d" in small["real_advice"]

@@ -105,6 +105,7 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     return run
 
 
+@pytest.mark.slow
 def test_the_command_shows_a_table_or_one_json_object(run, folder: Path, result: dict):
     del result  # the file is there
     words = (folder / "tall.c3d", "--person", "tall", "--marker-set", SET, "--out", folder / "again.toml")

@@ -121,6 +121,7 @@ def test_bad_requests_are_answered_in_one_line(
     assert re.search(message, said)
 
 
+@pytest.mark.slow
 def test_the_name_before_is_an_alias_that_help_does_not_show(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -62,6 +62,7 @@ def test_more_trials_make_a_better_pse_and_chosen_ones_half_of_them_do() -> None
     assert chosen < 0.9 * four
 
 
+@pytest.mark.slow
 def test_what_does_not_go_together_is_one_line(highfive, tmp_path: Path) -> None:
     tipping, morph = written(tmp_path, "tipping"), written(tmp_path, "morph")
     alone = written(tmp_path / "alone", "high_five")

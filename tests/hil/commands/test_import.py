@@ -116,6 +116,7 @@ def test_prefixes_of_a_labs_own(run, fails, tmp_path):
     assert "no labels of 'Bert'" in fails(*given, "--avatar", "Bert", "--overwrite")
 
 
+@pytest.mark.slow
 @pytest.mark.data
 @pytest.mark.parametrize("write", [trc, table])
 def test_a_real_pair_comes_back_as_it_was(run, recordings, tmp_path, write):

@@ -134,6 +134,7 @@ def test_a_system_that_dies_while_the_person_is_watched_is_given_up(greeting: Pa
         assert clock.now() - begun == pytest.approx(1e9 * (2.0 + LIVE.silent), abs=0.1e9)
 
 
+@pytest.mark.slow
 def test_at_every_phase_of_the_frames_a_trial_has_a_new_one_a_tick(greeting: Path, clock: VirtualClock) -> None:
     system = VirtualSystem(clock, read_c3d(greeting))
     with closing(live_source(ADDRESS, None, system.wiring)) as source:

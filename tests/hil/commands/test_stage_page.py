@@ -51,6 +51,7 @@ def test_breaking_off_and_stopping_end_the_trial_at_once(
         assert AT <= run.page.poses < AT + 5
 
 
+@pytest.mark.slow
 def test_a_note_is_kept_and_a_pause_comes_after_the_trial(clock: VirtualClock, tmp_path: Path) -> None:
     with ExitStack() as stack:
         run = VirtualStage(clock, stack, tmp_path)

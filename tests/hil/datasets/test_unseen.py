@@ -112,6 +112,7 @@ def test_actors_of_other_sizes_bring_the_scene_to_the_avatars_size(tmp_path: Pat
     assert "the limbs are those of 2 actors; each was measured" in said
 
 
+@pytest.mark.slow
 def test_bad_takes_are_left_out_with_a_word(tmp_path: Path) -> None:
     write_set(tmp_path, CELLS, Export(), test=0)
     whole = read_c3d(tmp_path / "take1.c3d")

@@ -145,6 +145,7 @@ GIVEN = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("begun", [False, True])
 @pytest.mark.parametrize("topic", GIVEN)
 def test_what_comes_between_high_fives_is_in_the_file_though_nothing_follows(

@@ -89,6 +89,7 @@ def test_other_readers_read_it_and_find_schemas(recorded):
     assert longest <= CHUNK_NS + 1e8
 
 
+@pytest.mark.slow
 def test_a_file_cut_anywhere_reads_up_to_there(recorded, tmp_path):
     whole = recorded.read_bytes()
     expected = [m.data for m in read_recording(recorded).channels["/avatar"]]

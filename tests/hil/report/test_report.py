@@ -106,6 +106,7 @@ def test_figures_are_saved_as_pictures(page):
     assert not list(page.parent.rglob("*.partial"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "chosen", [slice(1), pytest.param(slice(4, 5), marks=pytest.mark.slow), slice(0)], ids=["one", "no contact", "none"]
 )

@@ -59,6 +59,7 @@ def test_a_job_that_fails_ends_those_that_have_begun(tmp_path: Path) -> None:
     assert written and not any(path.exists() for path in written)
 
 
+@pytest.mark.slow
 def test_a_script_needs_no_guard_of_its_own(tmp_path: Path) -> None:
     """A user's five lines stand at the top level of a file, which a worker does not run again."""
     script = tmp_path / "script.py"

@@ -63,6 +63,7 @@ def test_link_lengths_by_forward_kinematics() -> None:
     )
 
 
+@pytest.mark.slow
 def test_the_stretched_arm_reaches_what_the_maker_says() -> None:
     arm = ServoArm(Mount((0.0, 0.0, 0.0)), measures.GRIPPER)
     # stretched: the forearm in line with the bent upper arm

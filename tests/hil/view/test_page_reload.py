@@ -78,6 +78,7 @@ def test_who_looks_on_is_told_that_it_ended_early(error: BaseException, line: st
     assert [(text["kind"], text["message"]) for text in texts] == [("over", line)]
 
 
+@pytest.mark.slow
 def test_who_was_told_the_end_is_not_told_another() -> None:
     with ExitStack() as stack:
         with pytest.raises(HighFiveError), LivePage({"mode": "session"}, port=0) as page:

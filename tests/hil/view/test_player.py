@@ -60,6 +60,7 @@ def test_a_contact_is_drawn_only_where_its_time_is_told() -> None:
         assert drawn.any() and not np.isnan(trial.expected[drawn]).any()
 
 
+@pytest.mark.slow
 def test_the_time_to_contact_is_told_only_where_it_is_right() -> None:
     """Before the hand is raised, and after it is back, the model has a time all the same, of 0.7 s."""
     for trial in shipped():

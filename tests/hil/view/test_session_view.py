@@ -20,6 +20,7 @@ from highfive.model import DEFAULT_MODEL
 from highfive.model.hgpdm.store import load_model
 
 
+@pytest.mark.slow
 def test_a_session_whose_server_is_ended_while_it_is_paused_goes_on_and_says_so(
     caplog: pytest.LogCaptureFixture,
 ) -> None:

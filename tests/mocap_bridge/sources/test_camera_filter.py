@@ -155,6 +155,7 @@ def test_a_frame_states_what_it_does_not_know(clips: list[RecordedClip], emotion
     assert np.mean(within) > 0.85
 
 
+@pytest.mark.slow
 def test_what_a_frame_states_is_true() -> None:
     """Raised arms of 18 other high fives, all joints: normalised squared errors and coverage, along the ray and across.
 

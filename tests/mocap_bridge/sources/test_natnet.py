@@ -170,6 +170,7 @@ def test_labels_in_another_order_are_followed(server):
         assert source.health(0).lost == 0
 
 
+@pytest.mark.slow
 def test_a_client_that_reads_nothing_holds_nobody_up(server):
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as lazy, following(server) as source:
         lazy.sendto(encode_request(Kind.CONNECT, "Ping"), (LOOPBACK, server.port))

@@ -53,6 +53,7 @@ def test_the_nominal_rate_is_only_a_first_guess(true_hz: float) -> None:
         assert period_s * true_hz == pytest.approx(1.0, abs=1e-4)
 
 
+@pytest.mark.slow
 @settings(max_examples=25, deadline=None)
 @given(
     st.integers(0, 2**32),

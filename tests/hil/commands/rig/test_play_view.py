@@ -165,6 +165,7 @@ def test_a_stop_lets_nobody_wait_in_a_pause(recorded: Path) -> None:
         assert len(states) >= 15 and all(one["paused"] and not one["stopped"] for one in states[:-1])
 
 
+@pytest.mark.slow
 def test_what_is_not_at_the_pace_of_the_clock_is_not_shown(recorded: Path, tmp_path: Path) -> None:
     with progress_bars() as bar, pytest.raises(HighFiveError, match="--port virtual does not"):
         play(PlayOptions(recorded, ArmOptions(VIRTUAL), view=PageOptions()), tmp_path / "out", bar)

@@ -113,6 +113,7 @@ def test_the_arm_is_where_it_was_and_was_told_what_it_was(run, tmp_path, fps) ->
             assert palm[:, axis] == pytest.approx(np.interp(at, trial.times, trial.points["palm"][:, axis]), abs=2e-5)
 
 
+@pytest.mark.slow
 def test_without_an_arm_the_avatar_is_the_robot(run, tmp_path) -> None:
     """At the session's own rate each frame is a tick, and an action the next one."""
     code, _, err = run(SHIPPED_RECORDING, "--to", "lerobot", "--fps", 60, "--out", tmp_path / "d")

@@ -19,6 +19,7 @@ from highfive.hil.session.reach_settings import ReachSettings
 from highfive.hil.session.session import RATE_HZ, Tick
 from highfive.mocap_bridge.frames import PalmPose
 from highfive.model.geometry.rotations import Array
+from highfive.model.gp.mixture import GaussianMixture
 from highfive.model.hgpdm.contact_layer import BEGIN, END
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.reaction import hypotheses_of_contact
@@ -63,13 +64,13 @@ def palm_goal(tick: Tick, settings: ContactGoalSettings = SETTINGS) -> PalmGoal:
     arm = tick.person
     person, head = (tick.calm.palm, arm.head_position) if arm.valid else (None, None)
     contact = None if person is None else _contact(tick, person, settings)
-    waited = contact is not None and tick.calm.target.phase is Phase.IDLE and _undecided(tick, settings)
+    hypotheses = None if contact is None else _undecided(tick, settings)
     return PalmGoal(
         _calm_palm(tick),
         person,
         head,
-        None if waited else contact,
-        hypotheses_of_contact(tick.response) if waited else None,
+        contact if hypotheses is None else None,
+        hypotheses,
         Sighting(arm.hand_unseen_ns, arm.hand_deviation),
         Sighting(arm.head_unseen_ns, arm.head_deviation),
     )
@@ -100,13 +101,16 @@ def _says_enough(forecast: ContactForecast, settings: ContactGoalSettings) -> bo
     return forecast.deviation < settings.sure or float(np.trace(forecast.covariance[:3, :3])) < settings.placed**2
 
 
-def _undecided(tick: Tick, settings: ContactGoalSettings) -> bool:
-    """A contact is coming, and it may still be one of several places."""
-    forecast, hypotheses = tick.response.contact, hypotheses_of_contact(tick.response)
-    if forecast is None or hypotheses is None:
-        return False
+def _undecided(tick: Tick, settings: ContactGoalSettings) -> GaussianMixture | None:
+    """Where it may be, while a contact is coming that may still be in one of several places."""
+    forecast = tick.response.contact
+    if forecast is None or tick.calm.target.phase is not Phase.IDLE:
+        return None
+    hypotheses = hypotheses_of_contact(tick.response)
+    if hypotheses is None:
+        return None
     spreads = np.trace(forecast.covariance[:3, :3]), np.trace(hypotheses.covariance)
-    return max(spreads) > settings.decided**2
+    return hypotheses if max(spreads) > settings.decided**2 else None
 
 
 def _forecast(tick: Tick, settings: ContactGoalSettings) -> ContactForecast | None:

@@ -192,7 +192,10 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path
 def _check_counts(folds: Sequence[Fold], preset: Preset) -> None:
     """Raises HighFiveError, before any training, of a number of trials that is too few to learn from."""
     for fold in folds:
-        if (points := points_of(fold.trials, preset).points) < MINIMUM_POINTS:
+        learned = [trial for trial in fold.trials if not trial.test]
+        rate = min(trial.rate_hz for trial in learned)
+        lengths = [len(trial.joints) / trial.rate_hz for trial in learned]
+        if (points := points_of(lengths, rate, learned[0].joints.shape[1], preset).points) < MINIMUM_POINTS:
             least = f"{points} training points, at least {MINIMUM_POINTS} are needed"
             raise HighFiveError(f"--learning-curve: {fold.name} gives {least}; leave that number out")
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +19,7 @@ from highfive.hil.runtime.console import Bar, counted, say_aside
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.sim.avatar import avatar_arm, avatar_skeleton
 from highfive.hil.trials.distractors import drawn_gestures
+from highfive.mocap_bridge.sources.source import RATE_HZ
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation.learning_curve import gains, proxy_curve
 from highfive.model.files import DEFAULT_MODEL
@@ -27,7 +28,7 @@ from highfive.model.hgpdm import training
 from highfive.model.hgpdm.adaptation import adapt
 from highfive.model.hgpdm.arm_features import have_arms
 from highfive.model.hgpdm.checkpoint import is_checkpoint
-from highfive.model.hgpdm.memory import array_bytes, available_bytes, points_of, training_bytes
+from highfive.model.hgpdm.memory import available_bytes, points_of, training_bytes, trial_bytes
 from highfive.model.hgpdm.presets import Preset, preset_named
 from highfive.model.hgpdm.sharding import host_count, host_number, join_hosts
 from highfive.model.hgpdm.store import load_model, save_model
@@ -99,7 +100,8 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
     if options.iterations is not None:
         preset = preset.with_iterations(options.iterations)
     start = clock.now()
-    pairs = _solved(options, bar)
+    needed: list[float] = []
+    pairs = _solved(options, bar, lambda lengths: needed.append(_checked_memory(lengths, preset, options)))
     if len(pairs) < FEW:
         advice = f"--from {SHIPPED} adapts the shipped model to them, evaluate --learning-curve says what is better"
         say_aside(f"{counted(len(pairs), 'trial')} to learn from, {advice}")
@@ -108,7 +110,6 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         rounds = min(1 + (len(pairs) - 1) // TRIALS_A_ROUND, MOST_ROUNDS)
         gestures += drawn_gestures(rounds, options.seed, lambda total: bar("simulating distractors", total))
     solved = clock.now()
-    needed = _checked_memory(pairs, preset, options)
     model = training.train(
         [pair.trial for pair in pairs],
         preset,
@@ -140,7 +141,7 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         "whole_arm": model.arm_contact is not None,
         "pose_by_arm": _pose_by_arm(model),
         "points": model.settings["points"],
-        "memory_gb": round(needed, 2),
+        "memory_gb": round(needed[0], 2),
         "hosts": host_count(),
         "inducing": model.settings["inducing"],
         "objective": model.settings["objective"],
@@ -162,7 +163,9 @@ def _pose_by_arm(model: HGPDM) -> float:
     return 0.0 if model.ensemble is None or model.ensemble.arm is None else float(model.ensemble.arm.share)
 
 
-def _solved(options: TrainOptions, bar: Bar) -> list[SolvedPair]:
+def _solved(
+    options: TrainOptions, bar: Bar, lengths: Callable[[list[float]], None] = lambda seconds: None
+) -> list[SolvedPair]:
     return load_trials(
         options.data,
         options.human,
@@ -171,6 +174,7 @@ def _solved(options: TrainOptions, bar: Bar) -> list[SolvedPair]:
         options.avatar_set,
         lambda total: bar("solving markers", total),
         learn_only=True,
+        lengths=lengths,
     )
 
 
@@ -216,15 +220,15 @@ def _adapt(options: TrainOptions, bar: Bar, clock: Clock) -> dict[str, Any]:
     }
 
 
-def _checked_memory(pairs: Sequence[SolvedPair], preset: Preset, options: TrainOptions) -> float:
-    """GB that the training will take at its peak, said where it is much.
+def _checked_memory(lengths: Sequence[float], preset: Preset, options: TrainOptions) -> float:
+    """GB that the training will take at its peak, of trials of so many ``lengths``, s; said where it is much.
 
     Raises:
         HighFiveError: there is not that much, or it is more than ``--memory``.
     """
-    shape = points_of([pair.trial for pair in pairs], preset)
-    held = sum(array_bytes(pair.trial) for pair in pairs)
-    needed = 1e-9 * (held + training_bytes(shape, options.inducing, preset))
+    joints = 3 * len(avatar_skeleton())
+    shape = points_of(lengths, RATE_HZ, joints, preset)
+    needed = 1e-9 * (trial_bytes(lengths, RATE_HZ, joints) + training_bytes(shape, options.inducing, preset))
     limit = options.memory_gb or 1e-9 * available_bytes()
     if needed > SAID_GB:
         say_aside(f"{shape.points} points will take about {needed:.1f} GB, of {limit:.1f}")

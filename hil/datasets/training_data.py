@@ -68,6 +68,7 @@ def load_trials(
     say: Callable[[str], None] = say_aside,
     learn_only: bool = False,
     hold_out: bool = False,
+    lengths: Callable[[list[float]], None] = lambda seconds: None,
 ) -> list[SolvedPair]:
     """The trials of a folder, solved, in the avatar's world.
 
@@ -81,6 +82,8 @@ def load_trials(
         say: called with a line about each thing that had to be found out.
         learn_only: held-out trials are not solved, but still tell where the set's floor, vertical and hands are.
         hold_out: if the table marks no trial as test, some are held out all the same.
+        lengths: called, before any marker is solved, with the length of each trial that will be, s; what it raises
+            ends the whole.
 
     Raises:
         HighFiveError: the folder, a file or the people's points are not what is needed.
@@ -91,6 +94,8 @@ def load_trials(
     if learn_only and all(row.test for row in rows):
         raise HighFiveError(f"every trial of {folder} is held out; give those to learn from the split train")
     read = read_pairs([folder / row.file for row in rows], Role(human, human_set), Role(avatar, avatar_set), say)
+    wanted = [actor for n, (_, actor) in zip(read.kept, read.pairs, strict=True) if not (learn_only and rows[n].test)]
+    lengths([len(actor) / actor.rate_hz for actor in wanted])
     subjects = _fit_actors([actor for _, actor in read.pairs], read.actors)
     if (bodies := len({id(subject) for subject in subjects})) > 1:
         say(f"the limbs are those of {bodies} actors; each was measured")

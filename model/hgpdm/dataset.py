@@ -139,11 +139,10 @@ def check_trial(trial: Trial, number: int, joints: int) -> None:
         raise HighFiveError(f"{where}: contact frame {trial.contact_frame} is outside its {frames} frames")
 
 
-def sampling(trials: Sequence[Trial], preset: Preset) -> tuple[float, float]:
-    """Length of the trials together, s, and the common rate, Hz, at which they are sampled."""
-    seconds = sum(len(trial.joints) / trial.rate_hz for trial in trials)
-    rate = max(preset.points / seconds, MINIMUM_SAMPLE_RATE)
-    return seconds, min(MAXIMUM_SAMPLE_RATE, *(trial.rate_hz for trial in trials), rate)
+def sample_rate(seconds: float, slowest_hz: float, preset: Preset) -> float:
+    """The common rate, Hz, at which trials of so many ``seconds`` together are sampled, the slowest of them recorded
+    at ``slowest_hz``."""
+    return min(MAXIMUM_SAMPLE_RATE, slowest_hz, max(preset.points / seconds, MINIMUM_SAMPLE_RATE))
 
 
 def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str] | None = None) -> TrainingSet:
@@ -164,7 +163,8 @@ def training_set(trials: Sequence[Trial], preset: Preset, emotions: Sequence[str
     if missing := [name for name in emotions if name not in found]:
         raise HighFiveError(f"no training trial of emotion {', '.join(missing)}; there are {', '.join(found)}")
 
-    _, highest = sampling(trials, preset)
+    seconds = sum(len(trial.joints) / trial.rate_hz for trial in trials)
+    highest = sample_rate(seconds, min(trial.rate_hz for trial in trials), preset)
     times = [sample_times(trial, 1.0 / highest) for trial in trials]
     history = np.concatenate([hand_history(t, at, preset.history) for t, at in zip(trials, times, strict=True)])
     outputs = np.concatenate([output_channels(t, at) for t, at in zip(trials, times, strict=True)])

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
-
-from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS, sampling
+from highfive.model.hgpdm.dataset import AUXILIARY, HAND_DIMS, sample_rate
 from highfive.model.hgpdm.presets import Preset
-from highfive.model.hgpdm.trials import Trial
 
 NUMBER = 8  # bytes of a float64
 # Fitted to 50,000 and 200,000 points of 169 channels and 24 features, 200 inducing inputs (docs/performance.md).
@@ -26,6 +22,7 @@ CHANNEL_COPIES = 4.0  # of points × channels: outputs, scaled, and at the start
 DIRECT_COPIES = 13.0  # of the same, for the direct answers: errors of each, of the pool and of the arm
 START_COPIES = 1.5  # of points × inducing inputs, where the start's regression is made
 FEATURE_COPIES = 4.0
+TRIAL_POINTS = 24  # coordinates of a trial's frame beside the joints: hand, arm, root and both palms
 LATENT_COPIES = 20.0  # of points × latents: values, inputs of four layers, gradients, what differentiation keeps
 
 
@@ -37,12 +34,18 @@ class Shape(NamedTuple):
     features: int
 
 
-def points_of(trials: Sequence[Trial], preset: Preset) -> Shape:
-    """How many points a training will sample of the trials that are not held out, to a few of each trial."""
-    learned = [trial for trial in trials if not trial.test]
-    seconds, rate = sampling(learned, preset)
-    channels = learned[0].joints.shape[1] + AUXILIARY
-    return Shape(round(seconds * rate) + len(learned), channels, HAND_DIMS * (len(preset.history) + 1))
+def points_of(lengths: Sequence[float], rate_hz: float, joints: int, preset: Preset) -> Shape:
+    """How many points a training will sample of trials of so many ``lengths``, s, to a few of each trial.
+
+    Args:
+        lengths: of those that are learned from.
+        rate_hz: of the slowest of them.
+        joints: channels of an actor's joints.
+        preset: that of the training.
+    """
+    seconds = sum(lengths)
+    points = round(seconds * sample_rate(seconds, rate_hz, preset)) + len(lengths)
+    return Shape(points, joints + AUXILIARY, HAND_DIMS * (len(preset.history) + 1))
 
 
 def training_bytes(shape: Shape, inducing: int, preset: Preset) -> float:
@@ -54,10 +57,9 @@ def training_bytes(shape: Shape, inducing: int, preset: Preset) -> float:
     return PROGRAM + NUMBER * shape.points * row
 
 
-def array_bytes(trial: Trial) -> int:
-    """Bytes that a trial's arrays take."""
-    values = (getattr(trial, field.name) for field in fields(trial))
-    return sum(value.nbytes for value in values if isinstance(value, np.ndarray))
+def trial_bytes(lengths: Sequence[float], rate_hz: float, joints: int) -> float:
+    """Bytes of the trials themselves: an actor's ``joints``, and the other points of :class:`Trial`, of each frame."""
+    return NUMBER * sum(lengths) * rate_hz * (joints + TRIAL_POINTS)
 
 
 def available_bytes() -> float:

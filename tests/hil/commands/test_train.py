@@ -60,6 +60,13 @@ def test_a_foreign_file_of_the_checkpoints_name_stays_where_it_is(tmp_path: Path
         train(chosen, lambda label, total: pytest.fail("solves"))
 
 
+def test_more_memory_than_may_be_taken_is_refused_before_anything_is_solved(lab: Path, tmp_path: Path) -> None:
+    chosen = options(lab, tmp_path / "m.safetensors", memory_gb=0.5)
+    with pytest.raises(HighFiveError, match=r"points need about 1\.\d GB, there are 0\.5"):
+        train(chosen, lambda label, total: pytest.fail("solves"))
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_resumed_bar_begins_where_the_training_was() -> None:
     shown: list[tuple[str, int | None]] = []
 

@@ -43,7 +43,7 @@ style: $(READY)  ## style and types
 check: style test  ## style, types and fast tests
 
 model: $(READY)  ## the default model again, from nothing
-	$(BIN)/highfive capture --repetitions 4 --test-repetitions 1 --seed 0 --out out/captured --overwrite
+	$(BIN)/highfive capture --repetitions 13 --test-repetitions 1 --seed 0 --out out/captured --overwrite
 	$(BIN)/highfive train out/captured --seed 0 --out model/default.safetensors --overwrite
 
 docs: $(READY)  ## the documentation site, in out/site

@@ -15,6 +15,7 @@ from highfive.hil.commands.train import model_to_adapt
 from highfive.hil.datasets.training_data import load_trials
 from highfive.hil.evaluation.cross_validation import Run, run_protocol, trainings
 from highfive.hil.evaluation.curves import learning_curve
+from highfive.hil.evaluation.looking_ahead import looking_ahead
 from highfive.hil.evaluation.model_cache import fit_windows, is_kept
 from highfive.hil.evaluation.reaction_models import learner
 from highfive.hil.evaluation.score_table import Scored
@@ -262,7 +263,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     )
     if options.start is not None:
         about |= {"from": options.start}
-    ahead = _looking_ahead(runs[0])
+    ahead = looking_ahead(runs)
     if len(folds) == 1 and not drawn:  # else no one training saw none of the held-out trials
         mixture = MixtureReach(runs[0].fitted.task, folds[0].trials)
         about["forecast_mixture"] = mixture_forecasts(
@@ -284,19 +285,6 @@ def _locked_trials(bar: Bar) -> list[Trial]:
         write_locked(Path(folder), lambda total: bar("the locked set", total))
         pairs = load_trials(Path(folder), progress=lambda total: bar("solving the locked set", total))
     return [pair.trial for pair in pairs]
-
-
-def _looking_ahead(run: Run) -> dict[str, Any]:
-    """Median errors of the contact point so long before contact, m, and the share of contacts in the 90 % regions."""
-    errors = horizons.contact_point_errors(run.trials, run.answers)
-    coverage = horizons.contact_point_coverage(run.trials, run.answers)
-    tables = {"contact_point": errors, "contact_point_within_90": coverage}
-    return {"before_s": horizons.BEFORE.round(2).tolist()} | {
-        table: {
-            name: [round(v, 4) if np.isfinite(v) else None for v in values.tolist()] for name, values in rows.items()
-        }
-        for table, rows in tables.items()
-    }
 
 
 def _reported(result: dict[str, Any], out: Path | None, run: Run | None, trials: Sequence[Trial]) -> dict[str, Any]:

@@ -21,11 +21,11 @@ from highfive.mocap_bridge.tracking.interpolation import between
 from highfive.mocap_bridge.tracking.reacquisition import ReacquisitionSmoother
 from highfive.model.geometry.rotations import Array
 from highfive.model.online.arm_track import ArmPoints
+from highfive.model.online.belief import HAND_VARIANCE
 from highfive.model.online.reaction import Reaction
-from highfive.model.online.responder import HAND_VARIANCE
 from highfive.model.settings import Settings, setting
 
-HAND_COVARIANCE = HAND_VARIANCE.reshape(2, 3, 1) * np.eye(3)
+HAND_COVARIANCE = HAND_VARIANCE * np.tile(np.eye(3), (2, 1, 1))
 """(2, 3, 3) m², of the hand points where every marker is seen; what the tracker does not know comes on top."""
 
 

@@ -42,6 +42,8 @@ class Phase(Enum):
 
 _LONGEST_STEP = 0.02
 """s, of the low pass of the miss: steps of more than 2 / ``steady``, 77 ms, would not settle."""
+_CREEPING = 0.05
+"""m/s; palms that close in more slowly are told from pressing ones by nothing."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,8 @@ class Reach:
         if person is not None and self._hangs(person) and _norm(person.velocity) < self.settings.rising:
             self._doubt.met = False
         expected = self._expected(expectation) if expectation.familiar else _led(person, shoulder, self.settings)
+        if person is not None:
+            expected += self._pressing(person.normal)
         self._expects = expected
         self._advance(person, expected, dt)
         if self._phase in (Phase.APPROACH, Phase.TOUCH):
@@ -278,6 +282,18 @@ class Reach:
         s = self.settings
         lacking = max(s.closing - 0.5 * float(self._gap_velocity @ normal), 0.0)
         return lacking * s.held * (1.0 - math.exp(-ahead / s.held)) * normal
+
+    def _pressing(self, normal: Array) -> float:
+        """How long palms that close in along the person's ``normal`` touch before they lie on each other, s: when they
+        touch is what is foretold."""
+        s = self.settings
+        if s.touching == 0.0:
+            return 0.0
+        share = s.touching / (max(s.closing, 0.5 * float(self._gap_velocity @ normal), _CREEPING) * s.landing)
+        x = math.sqrt(0.5 * share)
+        for _ in range(2):  # of x² (2 - x), see _landing
+            x = math.sqrt(share / (2.0 - min(x, 1.0)))
+        return s.landing * min(x, 1.0)
 
     def _forecast(self, person: PalmPose, expectation: Expectation, ahead: float, dt: float) -> Array:
         """What the model's forecast adds to where a braking hand would be at contact: (3,) m."""

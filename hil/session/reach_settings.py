@@ -25,6 +25,8 @@ class ReachSettings(Settings):
     fade_out: float = setting(0.5, "s", above=0.0)
     landing: float = setting(0.06, "s", above=0.0)
     """Over this last stretch the closing speed runs out, as flesh would take it up."""
+    touching: float = setting(0.002, "m", least=0.0)
+    """Palms this near touch; they lie on each other a little later."""
     sure: float = setting(0.35, "s", least=0.0)
     """A clock with a larger standard deviation than this is not read."""
     near: float = setting(0.08, "m", least=0.0)

@@ -194,7 +194,7 @@ class Session:
         self._responder = PacedResponder(open_responder(model, style, RATE_HZ, clock=clock), RATE_HZ, self._arm)
         self._timing = timing_of(model)
         # An arm's plan closes in by itself: what it is aimed at is not held back.
-        self._reach, self._calm_reach = Reach(reach), Reach(replace(reach, closing=0.0))
+        self._reach, self._calm_reach = Reach(reach), Reach(replace(reach, closing=0.0, touching=0.0))
         self._correction = ContactCorrection(scene)
         self._correct = correct
         waiting = self._timing.waiting(self._responder.style)

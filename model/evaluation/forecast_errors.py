@@ -46,6 +46,19 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Predic
     return {name: _over_trials(rows) for name, rows in found.items()}
 
 
+def known_since(trials: Sequence[Trial], given: Sequence[Prediction], within: float) -> Array:
+    """Seconds (n,) before contact since when what is said of the contact point is, and stays, ``within`` so many m."""
+    since: list[float] = []
+    for trial, answer in zip(trials, given, strict=True):
+        ends, part = trial.palm[trial.contact_frame], Channels(trial.joints.shape[1]).contact
+        until = answer.frames <= trial.contact_frame
+        away = np.flatnonzero(np.linalg.norm(answer.outputs[until, part] - ends, axis=1) > within)
+        frames = answer.frames[until]
+        first = 0 if len(away) == 0 else int(away[-1]) + 1
+        since.append(0.0 if first == len(frames) else (trial.contact_frame - frames[first]) / trial.rate_hz)
+    return np.array(since)
+
+
 def contact_point_coverage(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
     """Share of contacts inside the 90 % region that each method with an uncertainty gives :data:`BEFORE` contact."""
     found: Errors = {}

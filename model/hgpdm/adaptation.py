@@ -161,8 +161,9 @@ def adapt(
             points = contact_points.of(rows)._replace(inputs=inputs)
             points = points._replace(trial=np.searchsorted(armed, points.trial))
             by_arm = _adapted(_layer(layer.posterior, 0), points, seed, settings)
-            scales = _scales(layer, points, speed[rows], by_arm, forecast.of(rows))
-            arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, scales))
+            share = model.arm_contact.share
+            scales = _scales(layer, points, speed[rows], by_arm, (forecast.of(rows), share))
+            arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, scales), share)
     posterior = _with_noise(avatar, avatar_points)
     about: dict[str, object] = {"adapted_from": model.data_hash, "adapted_trials": len(learned), "share": avatar.share}
     if forecast is not None:
@@ -218,14 +219,19 @@ def _contact_points(model: HGPDM, trials: Sequence[Trial], settings: AdaptationS
     return _Points(np.asarray(model.feature_map(seen)), left, counts, None, number)
 
 
-def _scales(layer: ContactLayer, points: _Points, speed: Array, own: _Chosen, hand: _Chosen | None = None) -> Array:
-    """Calibration of an adapted layer by trials left out, pooled with what the ``hand``'s says; of one trial, as
-    before."""
+def _scales(
+    layer: ContactLayer, points: _Points, speed: Array, own: _Chosen, beside: tuple[_Chosen, float] | None = None
+) -> Array:
+    """Calibration of an adapted layer by trials left out, pooled, with a share of its own, with what the hand's
+    ``beside`` it says; of one trial, as before."""
     if own.error is None or own.variance is None:
         return layer.scales
     error, variance = own.error, _variances(own.posterior, own.variance)
-    if hand is not None and hand.error is not None and hand.variance is not None:
-        error, variance = pooled(error, hand.error), pooled(variance, _variances(hand.posterior, hand.variance))
+    if beside is not None:
+        hand, share = beside
+        assert hand.error is not None and hand.variance is not None  # left out as the arm's were
+        error = pooled(error, hand.error, share)
+        variance = pooled(variance, _variances(hand.posterior, hand.variance), share)
     return calibration(error, variance, points.values, speed, points.trial)
 
 

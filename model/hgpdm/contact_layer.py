@@ -23,7 +23,7 @@ from highfive.model.hgpdm.arm_features import ArmFeatures
 CHANNELS = 4  # way (3) and time (1)
 BEGIN, END = 0.9, -0.3  # s before contact, of the frames that the layer learns from; past contact it should know
 REGION = 0.9  # share of contacts that the calibrated regions hold
-ARM_SHARE = 2.0 / 3.0  # of the arm's layer in a pooled forecast; by the training trials, see fit_contact_layers
+ARM_SHARE = 2.0 / 3.0  # of the arm's layer in a pooled forecast, where no trials were left out to tell it
 KNOTS = np.array([0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5, 0.65, 0.8])  # s of forecast time at which it is calibrated
 SPEEDS = np.array([0.1, 0.35, 1.2])  # m/s of the knuckles at which it is, too
 SPEED_SPAN = 0.1  # s over which that speed is measured
@@ -75,18 +75,20 @@ def _deviation_factors(scales: Array, knots: Array, speeds: Array, time: float, 
 class ArmContactLayer:
     """The same from the whole arm, elbow, shoulder and head beside the hand: for as long as all of them are seen.
 
-    What it says is pooled with what the hand's layer says, the arm's with :data:`ARM_SHARE`: they err apart, and slow
-    hands are known better by the second.
+    What it says is pooled with what the hand's layer says: they err apart, and slow hands are known better by the
+    second.
 
     Attributes:
         features: of the arm and its history.
         layer: from these to way and time; its factors are those of the pooled forecast.
+        share: of this layer in it; the more trials there are to learn from, the larger.
     """
 
     features: ArmFeatures
     layer: ContactLayer
+    share: float = ARM_SHARE
 
 
-def pooled(arm: Array, hand: Array, share: float = ARM_SHARE) -> Array:
+def pooled(arm: Array, hand: Array, share: float) -> Array:
     """A linear pool of what both layers say, means, errors or covariances (…, 4); ``share`` is the arm's."""
     return share * arm + (1.0 - share) * hand

@@ -20,6 +20,7 @@ from highfive.model.gp.regression import learned
 from highfive.model.gp.sparse import Layer, Targets
 from highfive.model.hgpdm.arm_features import arm_history, check_arms, fit_arm_features, with_arms
 from highfive.model.hgpdm.contact_layer import (
+    ARM_SHARE,
     BEGIN,
     CHANNELS,
     END,
@@ -53,6 +54,12 @@ class ContactTrainingSettings(Settings):
     iterations: int = setting(100, "steps", least=1)
     folds: int = setting(6, least=1)
     """Of trials, for the calibration."""
+    frames: int = setting(6000, least=2)
+    """Of all, at random, that choose kernel and inducing inputs; the weights are then of all."""
+    frames_each: int = setting(20, "frames", least=1)
+    """More inducing inputs than asked for where there are so many frames for each of them, ..."""
+    most_inducing: int = setting(400, least=2)
+    """... up to so many."""
     span: float = setting(0.07, "s", above=0.0)
     """Around a knot whose frames count for it, at least."""
     fewest: int = setting(30, "frames", least=1)
@@ -70,6 +77,9 @@ class ContactTrainingSettings(Settings):
 
 CONTACT_TRAINING = ContactTrainingSettings()
 
+
+ARM_SHARES = (0.5, 0.6, ARM_SHARE, 0.75, 0.85, 1.0)
+"""Of the arm's layer in a pooled forecast, that are tried at trials left out."""
 
 Look = Callable[[Trial, Array], Array]
 """What is seen of a trial at times (n,), s: (n, …)."""
@@ -122,7 +132,7 @@ def fit_contact_layers(
     Args:
         trials: the training trials.
         feature_map, history: the model's, of the hand.
-        inducing: inducing inputs at most, of each layer.
+        inducing: inducing inputs of each layer; more where there are many frames.
         seed: of their choice.
         progress: called after every step.
         settings: how they learn.
@@ -145,9 +155,24 @@ def fit_contact_layers(
     tempo, _, _ = approaches(known, tempo_history)
     features = fit_arm_features(arms, tempo)
     arm = _fitted(features(arms, tempo), left, number, inducing, seed, progress, settings)
-    both = _Fitted(arm.posterior, pooled(arm.error, hand.error[rows]), pooled(arm.variance, hand.variance[rows]))
-    scales = _calibration(both, left, speed[rows], number, settings)
-    return hand_layer, ArmContactLayer(features, ContactLayer(arm.posterior, scales))
+    share = ARM_SHARE if not _folds(number, settings) else best_share(arm.error, hand.error[rows], left, settings)
+    error, variance = (pooled(a, h[rows], share) for a, h in ((arm.error, hand.error), (arm.variance, hand.variance)))
+    scales = _calibration(_Fitted(arm.posterior, error, variance), left, speed[rows], number, settings)
+    return hand_layer, ArmContactLayer(features, ContactLayer(arm.posterior, scales), share)
+
+
+def best_share(arm: Array, hand: Array, left: Array, settings: ContactTrainingSettings = CONTACT_TRAINING) -> float:
+    """The arm's share with which both pooled err least at frames (n,) of trials left out.
+
+    Args:
+        arm, hand: (n, 4) errors of way and time; frames count as in training.
+        left: (n, 4), what was left of them.
+        settings: how frames count.
+    """
+    scale = np.sqrt(np.array([*[left[:, :3].var()] * 3, left[:, 3].var()]))
+    counts = precision(left[:, 3], settings)
+    errors = [counts @ np.sum((pooled(arm, hand, share) / scale) ** 2, axis=1) for share in ARM_SHARES]
+    return ARM_SHARES[int(np.argmin(errors))]
 
 
 class _Fitted(NamedTuple):
@@ -168,13 +193,17 @@ def _fitted(
     values = (left - offset) / scale
     count, dims = features.shape
     counts = precision(left[:, 3], settings)
-    targets = Targets(jnp.asarray(values), CHANNELS, 0.0)
-    share = np.sqrt(counts) / np.sqrt(counts).sum()
-    chosen = np.sort(np.random.default_rng(seed).choice(count, min(inducing, count), replace=False, p=share))
+    rng = np.random.default_rng(seed)
+    some = np.arange(count)
+    if count > settings.frames:
+        some = np.sort(rng.choice(count, settings.frames, replace=False))
+    number_of = max(inducing, min(settings.most_inducing, count // settings.frames_each))
+    share = np.sqrt(counts[some]) / np.sqrt(counts[some]).sum()
+    chosen = some[np.sort(rng.choice(len(some), min(number_of, len(some)), replace=False, p=share))]
     start = Layer(MotionKernel.initial(dims), jnp.asarray(features[chosen]), sparse.raw_noise(0.2, settings.noise))
 
-    points, weights, steps = jnp.asarray(features), jnp.asarray(counts), settings.iterations
-    stage = "looking ahead"
+    points, weights, steps = jnp.asarray(features[some]), jnp.asarray(counts[some]), settings.iterations
+    targets, stage = Targets(jnp.asarray(values[some]), CHANNELS, 0.0), "looking ahead"
     layer, noise = learned(start, points, targets, settings.noise, steps, steps, stage, progress, weights=weights)
 
     def posterior(rows: NDArray[np.bool_]) -> Posterior:

@@ -53,6 +53,7 @@ def _check_beside(model: HGPDM, inputs: int) -> None:
         _check_arm_features(model.arm_contact.features)
         _check_layer("arm_contact", model.arm_contact.layer.posterior, SIZE, CHANNELS)
         _check_scales(model.arm_contact.layer)
+        _check_share(model.arm_contact.share)
     if model.ensemble is not None:
         _check_ensemble(model.ensemble, inputs, model.joints + AUXILIARY, len(model.emotions))
         if model.ensemble.arm is not None and model.arm_contact is None:
@@ -86,6 +87,11 @@ def _check_arm_features(features: ArmFeatures) -> None:
         raise ValueError(f"features of the arm of shapes {shapes}, expected {((SIZE,), (SIZE,), (TEMPO,))}")
 
 
+def _check_share(share: float) -> None:
+    if not 0.0 <= share <= 1.0:
+        raise ValueError(f"a share of the whole arm of {share}, expected 0 to 1")
+
+
 def _check_ensemble(ensemble: PoseEnsemble, inputs: int, channels: int, styles: int) -> None:
     _check_layer("direct", ensemble.regression, inputs, channels)
     styled = [ensemble.regression.style_covariance]
@@ -93,8 +99,9 @@ def _check_ensemble(ensemble: PoseEnsemble, inputs: int, channels: int, styles: 
         _check_layer("direct_arm", arm.regression, SIZE, channels)
         _check_arm_features(arm.features)
         styled.append(arm.regression.style_covariance)
-        if arm.share.shape != () or not 0.0 <= arm.share <= 1.0:
-            raise ValueError(f"a share of the whole arm of {arm.share}, expected 0 to 1")
+        if arm.share.shape != ():
+            raise ValueError(f"shares of the whole arm of shape {arm.share.shape}, expected ()")
+        _check_share(float(arm.share))
     shapes = [None if style is None else style.shape for style in styled]
     if shapes != [(styles, styles)] * len(styled) or ensemble.spread.shape != (channels,):
         raise ValueError(f"direct answers do not have {styles} styles and {channels} channels")

@@ -19,7 +19,7 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.gp.mixture import GaussianMixture
 from highfive.model.gp.posterior import MotionParameters, Posterior
 from highfive.model.hgpdm.arm_features import ArmFeatures
-from highfive.model.hgpdm.contact_layer import SPEEDS, ArmContactLayer, ContactLayer
+from highfive.model.hgpdm.contact_layer import ARM_SHARE, SPEEDS, ArmContactLayer, ContactLayer
 from highfive.model.hgpdm.features import FeatureMap
 from highfive.model.hgpdm.intent_features import IntentFeatures
 from highfive.model.hgpdm.intent_layer import IntentLayer
@@ -65,6 +65,7 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
     if model.arm_contact is not None:
         arrays |= _layer_arrays("arm_contact", model.arm_contact.layer.posterior)
         arrays |= {"arm_contact.scales": model.arm_contact.layer.scales}
+        arrays |= {"arm_contact.share": np.array(model.arm_contact.share)}
         arrays |= _arm_arrays("arm_features", model.arm_contact.features)
     if model.ensemble is not None:
         arrays |= _layer_arrays("direct", model.ensemble.regression) | {"direct.spread": model.ensemble.spread}
@@ -233,6 +234,7 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         arm_contact=ArmContactLayer(
             _arm_features("arm_features", arrays),
             ContactLayer(_layer("arm_contact", arrays), _by_speed(arrays["arm_contact.scales"])),
+            float(arrays.get("arm_contact.share", ARM_SHARE)),
         )
         if "arm_contact.scales" in arrays
         else None,

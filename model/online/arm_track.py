@@ -18,7 +18,7 @@ from highfive.model.hgpdm.arm_features import (
     features_of,
     pulled_back,
 )
-from highfive.model.hgpdm.contact_layer import ARM_SHARE, CHANNELS, ArmContactLayer, pooled
+from highfive.model.hgpdm.contact_layer import CHANNELS, ArmContactLayer, pooled
 from highfive.model.hgpdm.dataset import KNUCKLES
 from highfive.model.hgpdm.pose_ensemble import ArmAnswer
 from highfive.model.hgpdm.tempo import SPANS, STATE, TEMPO, at_rest, moved, tempo_of, unseen
@@ -57,7 +57,7 @@ class LastArm(NamedTuple):
         ticks: (L, 2, 15) m, and variances, m², newest first.
         tempo: (STATE,), of the reach.
         ago: s, since then.
-        share: of what it says in the pooled forecast.
+        share: 0 to 1, of its share in what is pooled: less for a while where it was hidden.
     """
 
     ticks: Array
@@ -81,7 +81,7 @@ class ArmTrack:
             styles: their number K.
         """
         self._layer, self._contact = layer.layer, packed(layer.layer.posterior)
-        self._features, self._answer = layer.features, answer
+        self._features, self._share, self._answer = layer.features, layer.share, answer
         self._pose = None if answer is None else packed(answer.regression, styles)
         self._ticks, self._seconds = tick_weights(HISTORY, rate_hz), 1.0 / rate_hz
         self._before = tick_weights(SPANS, rate_hz)[1:].mean(axis=0)
@@ -91,7 +91,7 @@ class ArmTrack:
             self.step(*nothing)
         self.reset()
         ticks = np.zeros((self._ticks.shape[1], 2, COORDINATES))
-        arm = LastArm(ticks, np.zeros(STATE), 0.0, ARM_SHARE)
+        arm = LastArm(ticks, np.zeros(STATE), 0.0, 1.0)
         self.forecast(arm, np.zeros(3), 0.0, (np.zeros(CHANNELS), np.eye(CHANNELS)))
         self.pose(arm, np.full(styles, 1.0 / styles))
 
@@ -141,9 +141,9 @@ class ArmTrack:
     def _fading(self, ticks: Array | None, count: int = 1) -> LastArm | None:
         """With these ticks its share grows; without, for a ``count`` of them, it is what it was, and shrinks."""
         last, seconds = self._last, count * self._seconds
-        change = ARM_SHARE * seconds / FADE
+        change = seconds / FADE
         if ticks is not None:
-            share = ARM_SHARE if last is None else min(last.share + change, ARM_SHARE)
+            share = 1.0 if last is None else min(last.share + change, 1.0)
             self._last = LastArm(ticks, self._tempo, 0.0, share)
         elif last is not None:
             self._last = last._replace(ago=last.ago + seconds, share=max(last.share - change, 0.0))
@@ -166,7 +166,7 @@ class ArmTrack:
         )
         by_arm[:3] += arm.ticks[0, 0, KNUCKLES] - knuckles  # what was said a while ago
         by_arm[3] -= arm.ago
-        share = arm.share * known
+        share = self._share * arm.share * known
         left, doubt = (pooled(one, other, share) for one, other in zip((by_arm, covariance), hand, strict=True))
         return contact_forecast(knuckles, speed, left, doubt, self._layer)
 
@@ -181,7 +181,7 @@ class ArmTrack:
             return NO_ARM
         features, tempo = self._answer.features, np.empty(TEMPO)
         known = known_tempo(arm.tempo, features.furthest, tempo)
-        share = float(self._answer.share) * known * arm.share / ARM_SHARE
+        share = float(self._answer.share) * known * arm.share
         if share == 0.0:
             return NO_ARM
         parts = LINEAR, features.centre, features.factor, self._ticks, self._pose, arm.ticks, tempo, style

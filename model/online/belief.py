@@ -26,6 +26,11 @@ from highfive.model.online.direct_answers import NO_ARM, Looking, PoseByArm, dir
 from highfive.model.online.tick import forecast, generate, observe, predict, step
 from highfive.model.online.tick_values import Belief, Generated, Moving, Plan
 
+HAND_VARIANCE = 2e-3**2
+"""m², of each coordinate of a measured hand point, where nobody says it."""
+SETTLED = 1.0
+"""s, in which a belief about a hand at rest settles."""
+
 
 def lagrange(fraction: float) -> Array:
     """Weights (3,) of the values at −1, 0 and 1 in the parabola through them, at ``fraction``."""
@@ -91,6 +96,7 @@ class Filter:
     Attributes:
         settings: of the belief.
         ticks: so many of a hand a belief holds.
+        lost: deviation of the interaction latents, all together, beyond which a hand is unlike those of training.
     """
 
     def __init__(self, model: HGPDM, rate_hz: float, settings: BeliefSettings = BELIEF) -> None:
@@ -138,6 +144,20 @@ class Filter:
             self._looking = Looking(self._plan.features, self._plan.feature_offset, self._plan.ticks)
             self._factors = np.array(model.ensemble.spread, dtype=float)
         self._compile()
+        self.lost = max(settings.out_of_distribution, settings.beyond_usual * self._at_rest())
+
+    def deviation(self, covariance: Array) -> float:
+        """Of the interaction latents, all together, of a belief's ``covariance``."""
+        size = len(self._start)
+        return math.sqrt(covariance[:size, :size].trace())
+
+    def _at_rest(self) -> float:
+        style = np.full(self._styles, 1.0 / self._styles)
+        belief = self.initial(style)
+        hand, variance = belief.generated_hand, np.full(self._coordinates, HAND_VARIANCE)
+        for _ in range(math.ceil(SETTLED / self._seconds)):
+            belief, _ = self.step(belief, hand, variance, style)
+        return self.deviation(belief.covariance)
 
     def _compile(self) -> None:
         """Calls once what will be called: nothing is left to compile when a hand is there."""

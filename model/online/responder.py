@@ -18,7 +18,7 @@ from highfive.model.hgpdm.dataset import CLOCK_SCALE, HAND_DIMS, KNUCKLES, Chann
 from highfive.model.hgpdm.style import style_weights
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.online.arm_track import ArmPoints, ArmTrack, LastArm
-from highfive.model.online.belief import Filter
+from highfive.model.online.belief import HAND_VARIANCE, Filter
 from highfive.model.online.belief_settings import BELIEF, BeliefSettings
 from highfive.model.online.contact_forecast import ContactForecast
 from highfive.model.online.direct_answers import NO_ARM
@@ -30,7 +30,6 @@ from highfive.model.online.tick_values import Belief, Generated
 HAND_SHAPE, ARM_SHAPE = (2, 3), (3, 3)
 FURTHEST = 1e6
 """m, and m²: what is larger is no hand, and its square spoils a belief by rounding."""
-HAND_VARIANCE = np.full(HAND_DIMS, 2e-3**2)  # m², of the measured hand points where the caller gives no covariance
 CLOCK_LIMIT = 0.98  # the contact clock is cut here: beyond 2.3 CLOCK_SCALE it tells nothing
 MAXIMUM_FORECAST = 5.0  # s
 RETURNS = 3.0
@@ -204,7 +203,7 @@ class Responder:
                 variance is negative. The state is as before.
         """
         hand = None if hand_points is None else _finite("hand points", hand_points, HAND_SHAPE)
-        variance = HAND_VARIANCE
+        variance = np.full(HAND_DIMS, HAND_VARIANCE)
         if covariance is not None:
             variance = _finite("hand covariance", covariance, (*HAND_SHAPE, 3)).diagonal(0, 1, 2).reshape(-1)
             if (least := min(variance.tolist())) < 0.0:
@@ -222,7 +221,7 @@ class Responder:
             self.reset()
             changed = False
             last = None
-            belief, generated = self._filter.step(self._belief, None, HAND_VARIANCE, self._style)
+            belief, generated = self._filter.step(self._belief, None, np.full(HAND_DIMS, HAND_VARIANCE), self._style)
         self._belief, self._widest = belief, widest
         if self._intent is not None and belief.away == 0:
             self._probability = self._intent.probability(belief.hands)
@@ -291,8 +290,7 @@ class Responder:
         return self._arm.forecast(arm, belief.hands[0, 0, KNUCKLES], self._filter.knuckle_speed(belief), hand)
 
     def _in_distribution(self, covariance: Array) -> bool:
-        dims = self._model.preset.interaction_dims
-        return float(covariance[:dims, :dims].trace()) < self._filter.settings.out_of_distribution**2
+        return self._filter.deviation(covariance) < self._filter.lost
 
     def _response(
         self,

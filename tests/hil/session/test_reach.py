@@ -143,20 +143,23 @@ def test_a_palm_waits_for_a_hand_that_is_too_quick_to_say_where_it_is() -> None:
 
 @pytest.mark.parametrize("speed", [0.02, 0.08])
 def test_a_hand_that_creeps_up_is_not_met_before_its_time(speed: float) -> None:
-    """Palms touch within 2 mm: at 8 cm/s that is early, unless the other one closes in the quicker."""
+    """Palms touch within 2 mm: at 8 cm/s that is early, unless the other one closes in the quicker. That they touch is
+    what comes at its time; that they lie on each other comes after."""
     early, end = {}, 60
-    for name, settings in (("held back", ReachSettings()), ("not", ReachSettings(closing=0.0))):
+    settings_of = {"timed": ReachSettings(), "held back": ReachSettings(touching=0.0)}
+    settings_of |= {"not": ReachSettings(closing=0.0, touching=0.0)}
+    for name, settings in settings_of.items():
         reach, generated = Reach(settings), palm(np.array([0.47, 0.0, 1.4]), OUT)
         gaps = []
         for i in range(end + 1):
             person = palm(np.array([0.5 + (end - i) * DT * speed, 0.0, 1.4]), -OUT, -speed * OUT)
             target = reach.step(generated, person, Expectation((end - i) * DT, 0.03, True), SHOULDER, DT)
             gaps.append(float(person.position[0] - target.position[0]))
-        assert abs(gaps[-1]) < 1e-6
+        assert abs(gaps[-1]) < (settings.touching or 1e-6)
         assert min(gaps) > -1e-6  # never into the hand
         assert np.diff(gaps[30:]).max() < 1e-6  # nor back from it
         early[name] = sum(gap < 0.002 for gap in gaps[:-1])
-    assert early["held back"] <= round(0.025 / DT) < early["not"]
+    assert early["timed"] <= round(0.01 / DT) < early["held back"] <= round(0.025 / DT) < early["not"]
 
 
 def test_nobody_there_nothing_happens() -> None:

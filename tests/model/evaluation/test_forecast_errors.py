@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_up import made_up_trial
 
-from highfive.model.evaluation.forecast_errors import BEFORE, contact_point_coverage, contact_point_errors
+from highfive.model.evaluation.forecast_errors import BEFORE, contact_point_coverage, contact_point_errors, known_since
 from highfive.model.evaluation.predictions import Prediction, Uncertainty
 from highfive.model.hgpdm.dataset import Channels
 from highfive.model.hgpdm.trials import Trial
@@ -51,3 +51,17 @@ def test_regions_hold_the_share_that_the_doubt_is_worth(trial: Trial, exaggerati
     known = BEFORE < 0.4 + 1e-9
     np.testing.assert_allclose(coverage["gp"][known], share, atol=0.05)
     assert np.all(np.isnan(coverage["gp"][~known]))
+
+
+def test_a_point_is_known_since_it_stays_near(trial: Trial):
+    """Off by 10 cm until so many frames before contact, and once more in between; after contact it does not matter."""
+    frames, where = np.arange(len(trial.joints)), Channels(trial.joints.shape[1])
+    given = []
+    for off in ([*range(9)], [*range(9), 12], [], [*range(trial.contact_frame + 1)], [trial.contact_frame + 1]):
+        outputs = np.zeros((len(frames), where.size))
+        outputs[:, where.contact] = trial.palm[trial.contact_frame] + [0.0, 0.03, 0.0]
+        outputs[off, where.contact] += [0.0, 0.07, 0.0]
+        given.append(Prediction(frames, outputs, trial.palm, None))
+    since = known_since([trial] * len(given), given, 0.05)
+    contact = trial.contact_frame
+    np.testing.assert_allclose(since * RATE, [contact - 9, contact - 13, contact, 0, contact])

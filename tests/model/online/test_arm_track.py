@@ -9,7 +9,7 @@ from made_up import EMOTIONS, made_up_trial, with_arm
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.arm_features import HISTORY, SIZE, arm_history, fit_arm_features
-from highfive.model.hgpdm.contact_layer import ARM_SHARE, SPEED_SPAN
+from highfive.model.hgpdm.contact_layer import SPEED_SPAN
 from highfive.model.hgpdm.contact_training import fit_contact_layers
 from highfive.model.hgpdm.store import load_model, save_model
 from highfive.model.hgpdm.tempo import TEMPO, tempo_history, tempo_of
@@ -95,11 +95,11 @@ def test_a_doubted_point_widens_the_belief_by_what_it_would_change(armed: HGPDM,
             expected += deviation**2 * np.outer(change, change)
         knuckles = [trial.hand_points[frame - back, 1] for back in (0, round(SPEED_SPAN * RATE))]
         speed = float(np.linalg.norm(np.subtract(*knuckles))) / SPEED_SPAN
-        layer = armed.arm_contact.layer  # type: ignore[union-attr]
-        factor = layer.calibrated(sure.time, speed, np.ones((4, 4)))[0, 0]
-        assert grown[:3, :3].trace() == pytest.approx(
-            factor * expected.trace() / ARM_SHARE, rel=0.15
-        )  # covariances are pooled
+        arm = armed.arm_contact
+        assert arm is not None
+        factor = arm.layer.calibrated(sure.time, speed, np.ones((4, 4)))[0, 0]
+        # Covariances are pooled.
+        assert grown[:3, :3].trace() == pytest.approx(factor * expected.trace() / arm.share, rel=0.15)
 
 
 @pytest.mark.slow
@@ -143,7 +143,8 @@ def test_what_both_layers_say_is_pooled_and_meets_the_truth(armed: HGPDM, trial:
         frame = trial.contact_frame - before
         assert np.linalg.norm(whole[frame].point - trial.palm[trial.contact_frame]) < 0.05
         assert whole[frame].time == pytest.approx(before / RATE, abs=0.05)
-        alone = (whole[frame].point - (1.0 - ARM_SHARE) * hand[frame].point) / ARM_SHARE
+        share = armed.arm_contact.share  # type: ignore[union-attr]
+        alone = (whole[frame].point - (1.0 - share) * hand[frame].point) / share
         assert np.isfinite(alone).all() and not np.allclose(alone, hand[frame].point)
 
 

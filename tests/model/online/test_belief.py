@@ -216,3 +216,20 @@ def test_shapes_that_do_not_fit_are_named(model: HGPDM):
         moving.step(state, np.zeros(6), variance, np.ones(1))
     with pytest.raises(HighFiveError, match="needs"):
         moving.predict(state.latent[:3], state.covariance, 0.1)
+
+
+@pytest.mark.parametrize("rate", [30.0, 120.0])
+def test_a_hand_at_rest_is_no_strangers_whatever_the_model_and_rate(model: HGPDM, rate: float) -> None:
+    """How sure a belief can be is each model's own: one with steeper features is never surer than 0.18."""
+    lost = []
+    for steeper in (1.0, 30.0):
+        features = FeatureMap(steeper * model.feature_map.matrix, steeper * model.feature_map.offset)
+        moving = Filter(replace(model, feature_map=features), rate)
+        style = np.full(len(model.emotions), 1.0 / len(model.emotions))
+        now = moving.initial(style)
+        hand, variance = now.generated_hand, np.full(len(now.generated_hand), belief.HAND_VARIANCE)
+        for _ in range(round(2.0 * rate)):
+            now, _ = moving.step(now, hand, variance, style)
+        assert moving.deviation(now.covariance) < moving.lost
+        lost.append(moving.lost)
+    assert lost[0] == BELIEF.out_of_distribution < lost[1]

@@ -194,7 +194,7 @@ def _fitted(
     count, dims = features.shape
     counts = precision(left[:, 3], settings)
     rng = np.random.default_rng(seed)
-    some = np.arange(count)
+    some: NDArray[np.int64] = np.arange(count)
     if count > settings.frames:
         some = np.sort(rng.choice(count, settings.frames, replace=False))
     number_of = max(inducing, min(settings.most_inducing, count // settings.frames_each))

@@ -25,6 +25,7 @@ def looking_ahead(runs: Sequence[Run]) -> dict[str, Any]:
     result: dict[str, Any] = {
         "before_s": horizons.BEFORE.round(2).tolist(),
         "contact_point": _over_runs(errors),
+        "contact_time": _over_runs([horizons.contact_time_errors(run.trials, run.answers) for run in runs]),
         "contact_point_within_90": _over_runs(coverage),
         "by_emotion": {
             emotion: {

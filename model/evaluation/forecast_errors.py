@@ -10,9 +10,10 @@ from highfive.model.evaluation import metrics
 from highfive.model.evaluation.baselines import RIDGE_PENALTY
 from highfive.model.evaluation.minimum_jerk import reach_end
 from highfive.model.evaluation.predictions import Prediction
+from highfive.model.evaluation.scores import CLOCK_LIMIT
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import REGION
-from highfive.model.hgpdm.dataset import Channels, hand_history
+from highfive.model.hgpdm.dataset import CLOCK_SCALE, Channels, hand_history
 from highfive.model.hgpdm.hierarchy import Problem
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
@@ -40,9 +41,27 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Predic
             said = given[number].outputs[:, Channels(joints).contact]
             row = [_nearest(given[number], trial, before) for before in BEFORE]
             found.setdefault(name, []).append([_distance(said, at, ends) for at in row])
-        for name, ahead in (("constant_velocity", _straight_on), ("minimum_jerk", _smoothly)):
+        for name, ahead in (("constant_velocity", _straight_on), ("minimum_jerk", lambda *now: _smoothly(*now)[0])):
             row = [float(np.linalg.norm(ahead(trial, before) - ends)) for before in BEFORE]
             found.setdefault(name, []).append(row)
+    return {name: _over_trials(rows) for name, rows in found.items()}
+
+
+def contact_time_errors(trials: Sequence[Trial], answers: dict[str, list[Prediction]]) -> Errors:
+    """Errors, s, of the time left as each method says it :data:`BEFORE` contact, by its contact clock;
+    ``minimum_jerk`` is that of a reach of the least jerk."""
+    found: dict[str, list[list[float]]] = {}
+    for number, trial in enumerate(trials):
+        clock = Channels(trial.joints.shape[1]).clock
+        for name, given in answers.items():
+            said = np.clip(given[number].outputs[:, clock], -CLOCK_LIMIT, CLOCK_LIMIT)
+            left: list[float] = (CLOCK_SCALE * np.arctanh(said)).tolist()
+            at = [(_nearest(given[number], trial, before), before) for before in BEFORE.tolist()]
+            row = [np.nan if n is None else abs(left[n] - before) for n, before in at]
+            found.setdefault(name, []).append(row)
+        found.setdefault("minimum_jerk", []).append(
+            [abs(_smoothly(trial, before)[1] - before) for before in BEFORE.tolist()]
+        )
     return {name: _over_trials(rows) for name, rows in found.items()}
 
 
@@ -175,9 +194,11 @@ def _straight_on(trial: Trial, before: float) -> Array:
     return trial.person_palm[frame] + velocity * before
 
 
-def _smoothly(trial: Trial, before: float) -> Array:
+def _smoothly(trial: Trial, before: float) -> tuple[Array, float]:
     frame = trial.contact_frame - round(before * trial.rate_hz)
-    return np.full(3, np.nan) if frame < 2 else reach_end(trial.person_palm[: frame + 1], trial.rate_hz)[0]
+    if frame < 2:
+        return np.full(3, np.nan), np.nan
+    return reach_end(trial.person_palm[: frame + 1], trial.rate_hz)
 
 
 def _over_trials(rows: Sequence[Sequence[float] | Array], summary: Callable[..., Array] = np.nanmedian) -> Array:

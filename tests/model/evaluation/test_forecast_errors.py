@@ -6,9 +6,15 @@ import numpy as np
 import pytest
 from made_up import made_up_trial
 
-from highfive.model.evaluation.forecast_errors import BEFORE, contact_point_coverage, contact_point_errors, known_since
+from highfive.model.evaluation.forecast_errors import (
+    BEFORE,
+    contact_point_coverage,
+    contact_point_errors,
+    contact_time_errors,
+    known_since,
+)
 from highfive.model.evaluation.predictions import Prediction, Uncertainty
-from highfive.model.hgpdm.dataset import Channels
+from highfive.model.hgpdm.dataset import CLOCK_SCALE, Channels
 from highfive.model.hgpdm.trials import Trial
 
 RATE = 60.0
@@ -65,3 +71,14 @@ def test_a_point_is_known_since_it_stays_near(trial: Trial):
     since = known_since([trial] * len(given), given, 0.05)
     contact = trial.contact_frame
     np.testing.assert_allclose(since * RATE, [contact - 9, contact - 13, contact, 0, contact])
+
+
+def test_the_time_left_is_read_from_the_clock(trial: Trial):
+    """A clock that goes 0.05 s ahead errs by that at each horizon; the made-up reach is one of least jerk."""
+    frames, where = np.arange(len(trial.joints)), Channels(trial.joints.shape[1])
+    outputs = np.zeros((len(frames), where.size))
+    outputs[:, where.clock] = np.tanh(((trial.contact_frame - frames) / RATE - 0.05) / CLOCK_SCALE)
+    errors = contact_time_errors([trial], {"ahead": [Prediction(frames, outputs, trial.palm, None)]})
+    known = BEFORE < 0.4 + 1e-9
+    np.testing.assert_allclose(errors["ahead"][known], 0.05, atol=1e-9)
+    assert np.all(np.isnan(errors["ahead"][~known])) and set(errors) == {"ahead", "minimum_jerk"}

@@ -132,12 +132,15 @@ def points_of(motion: ActorMotion, size: float = 1.0) -> Array:
     return positions[:, joints] + rotations.rotate(turns[:, joints], places)
 
 
-def write_set(folder: Path, cells: Sequence[str], export: Export, test: int = 1) -> list[PairTrial]:
-    """Writes C3D pairs and ``trials.csv``; returns what really happened, at 120 Hz, in the avatar's world."""
+def write_set(folder: Path, cells: Sequence[str], export: Export, test: int = 1, first: int = 0) -> list[PairTrial]:
+    """Writes C3D pairs and ``trials.csv``; returns what really happened, at 120 Hz, in the avatar's world.
+
+    Their seeds go on from ``first``.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     trials, rows = [], []
     for number, cell in enumerate(cells):
-        trial = walking_pair(cell, number)
+        trial = walking_pair(cell, first + number)
         trials.append(trial)
         points = [points_of(motion, export.size) for motion in (trial.person, trial.avatar)]
         _write(folder / f"take{number}.c3d", np.stack(points)[:, ::STEP], export, np.random.default_rng(number))

@@ -21,7 +21,7 @@ from highfive.hil.experiments.exclusion import read_rules
 from highfive.hil.experiments.recorded.interaction import SYNCHRONY, TIMING, interaction
 from highfive.hil.experiments.recorded.methods import methods
 from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
-from highfive.hil.experiments.study import check_planned
+from highfive.hil.experiments.study import check_planned, participants, stored_plan
 from highfive.hil.experiments.study_rows import answers_of, codes, study_rows, tidy_rows
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.folders import results_folder, write_file
@@ -105,6 +105,8 @@ def _of_study(
     rules = None if options.exclude is None else read_rules(options.exclude)
     found = study_rows(study, rules)
     check_planned(study, found.protocol)
+    for code in participants(study):
+        stored_plan(study, code)  # one that was changed tells of other trials than were shown
     answers = answers_of(found)
     people, lacking = _compared(answers, str(study))
     options = replace(options, emotions=options.emotions or len(found.protocol.labels))

@@ -95,6 +95,13 @@ def test_somebody_who_is_not_through_is_left_out_and_named(folder: Path) -> None
     assert any(one["participant"] == "P03" and "one condition" in one["why"] for one in result["excluded"])
 
 
+def test_a_plan_that_was_changed_after_it_was_run_is_refused(folder: Path) -> None:
+    plan = folder / "participants/P02/plan.toml"
+    plan.write_text(plan.read_text(encoding="utf-8").replace('mode = "own_replay"', 'mode = "interactive"', 1))
+    with pytest.raises(HighFiveError, match=r"plan .*P02/plan\.toml was changed: its digest is \w+, expected"):
+        analyse(AnalyseOptions(None, study=folder))
+
+
 @pytest.mark.slow
 def test_the_same_folder_gives_the_same_files_and_a_row_for_every_trial(folder: Path, tmp_path: Path) -> None:
     results = [analyse(AnalyseOptions(None, study=folder, out=tmp_path / name)) for name in ("a", "b")]

@@ -13,7 +13,8 @@ ROOT = Path(__file__).parents[2]
 ROOMS = ("model", "mocap_bridge", "calibration", "hil")
 MARK = "<span hidden>highfivemessages</span>"
 """A word of these sections alone, which the search of a pasted message asks for (worker.js)."""
-_SHORTEST = 12  # letters; what is shorter is no message
+_SHORTEST = 10  # letters; what is shorter is no message
+_MOST = 8  # texts of one f-string
 _NO_MESSAGES = {"setting", "Option", "Argument", "compile", "match", "search", "sub", "Typer"}
 
 
@@ -39,17 +40,35 @@ def on_files(files: Files, config: Any) -> Files:
 
 
 def messages(source: str) -> list[str]:
-    """What is raised, returned, said or kept as some words; f-strings with … for what they take in."""
+    """Whatever is made of some words, but documentation; f-strings with … for what they take in."""
+    tree = ast.parse(source)
+    passed = _not_said(tree)
+    raised = {id(part) for node in ast.walk(tree) if isinstance(node, ast.Raise) for part in ast.walk(node)}
     said: list[str] = []
-    for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
-            said += [text for part in node.exc.args for text in texts(part)]
-        elif isinstance(node, ast.Call) and called(node) not in _NO_MESSAGES:
-            said += [text for part in node.args for text in texts(part) if of_words(text)]
-        elif isinstance(node, ast.Return | ast.Assign) and node.value is not None:
-            said += [text for text in texts(node.value) if of_words(text)]
+    for node in ast.walk(tree):
+        if id(node) not in passed and isinstance(node, ast.Constant | ast.JoinedStr | ast.BinOp):
+            said += [text for text in texts(node) if of_words(text) or (id(node) in raised and " " in text)]
     shown = dict.fromkeys(" ".join(text.split()) for text in said)
     return [f"`{text.replace('`', chr(39))}`" for text in shown if sum(map(str.isalpha, text)) >= _SHORTEST]
+
+
+def _not_said(tree: ast.Module) -> set[int]:
+    """Nodes that are no message: documentation, what other names of calls take, and parts of a larger text."""
+    found: set[int] = set()
+    for node in ast.walk(tree):
+        parts: list[ast.AST] = []
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            parts = [node.value]
+        elif isinstance(node, ast.Call) and called(node) in _NO_MESSAGES:
+            parts = [node]
+        elif isinstance(node, ast.JoinedStr):
+            parts = [part for part in node.values if isinstance(part, ast.Constant)]
+        elif isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add) and texts(node):
+            parts = [node.left, node.right]
+        for part in parts:
+            whole = isinstance(node, ast.Call)
+            found |= {id(one) for one in (ast.walk(part) if whole else [part])}
+    return found
 
 
 def called(call: ast.Call) -> str:
@@ -67,11 +86,20 @@ def texts(node: ast.expr) -> list[str]:
     if isinstance(node, ast.Constant):
         return [node.value] if isinstance(node.value, str) else []
     if isinstance(node, ast.JoinedStr):
-        parts = [part.value if isinstance(part, ast.Constant) else "…" for part in node.values]
-        return ["".join(str(part) for part in parts)]
+        return _joined(node)
     if isinstance(node, ast.IfExp):
         return [*texts(node.body), *texts(node.orelse)]
     if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add):
-        left, right = texts(node.left) or ["…"], texts(node.right) or ["…"]
-        return [one + other for one in left for other in right]
+        left, right = texts(node.left), texts(node.right)
+        return [one + other for one in left or ["…"] for other in right or ["…"]] if left or right else []
     return []
+
+
+def _joined(node: ast.JoinedStr) -> list[str]:
+    """What an f-string may say, where it takes in one of several texts: with each of them, to a few."""
+    said = [""]
+    for part in node.values:
+        inner = texts(part.value) if isinstance(part, ast.FormattedValue) else texts(part)
+        choices = inner if inner and len(said) * len(inner) <= _MOST else ["…"]
+        said = [one + choice for one in said for choice in choices]
+    return said

@@ -41,9 +41,10 @@ def contact_point_errors(trials: Sequence[Trial], answers: dict[str, list[Predic
             said = given[number].outputs[:, Channels(joints).contact]
             row = [_nearest(given[number], trial, before) for before in BEFORE]
             found.setdefault(name, []).append([_distance(said, at, ends) for at in row])
-        for name, ahead in (("constant_velocity", _straight_on), ("minimum_jerk", lambda *now: _smoothly(*now)[0])):
-            row = [float(np.linalg.norm(ahead(trial, before) - ends)) for before in BEFORE]
-            found.setdefault(name, []).append(row)
+        ahead = {"constant_velocity": [_straight_on(trial, before) for before in BEFORE]}
+        ahead["minimum_jerk"] = [_smoothly(trial, before)[0] for before in BEFORE]
+        for name, said in ahead.items():
+            found.setdefault(name, []).append([float(np.linalg.norm(point - ends)) for point in said])
     return {name: _over_trials(rows) for name, rows in found.items()}
 
 

@@ -191,15 +191,13 @@ def _fitted(
     offset: Array = left.mean(axis=0)
     scale = np.array([*[left[:, :3].std()] * 3, left[:, 3].std()])
     values = (left - offset) / scale
-    count, dims = features.shape
+    count, dims = len(features), features.shape[1]
     counts = precision(left[:, 3], settings)
     rng = np.random.default_rng(seed)
-    some: NDArray[np.int64] = np.arange(count)
-    if count > settings.frames:
-        some = np.sort(rng.choice(count, settings.frames, replace=False))
+    some = _frames(count, settings.frames, rng)
     number_of = max(inducing, min(settings.most_inducing, count // settings.frames_each))
     share = np.sqrt(counts[some]) / np.sqrt(counts[some]).sum()
-    chosen = some[np.sort(rng.choice(len(some), min(number_of, len(some)), replace=False, p=share))]
+    chosen = some[_drawn(share, number_of, rng)]
     start = Layer(MotionKernel.initial(dims), jnp.asarray(features[chosen]), sparse.raw_noise(0.2, settings.noise))
 
     points, weights, steps = jnp.asarray(features[some]), jnp.asarray(counts[some]), settings.iterations
@@ -219,6 +217,16 @@ def _fitted(
         error[out] = np.asarray(sparse.means(without, features[out])) - left[out]
         variance[out] = np.asarray(sparse.variances(without, features[out]))
     return _Fitted(posterior(np.ones(len(features), bool)), error, variance)
+
+
+def _frames(count: int, most: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Indices of all of a ``count`` of frames, or of so many at random, ascending."""
+    return np.arange(count) if count <= most else np.sort(rng.choice(count, most, replace=False))
+
+
+def _drawn(share: Array, most: int, rng: np.random.Generator) -> NDArray[np.int64]:
+    """Indices of so many of N, drawn with probabilities ``share`` (N,), ascending."""
+    return np.sort(rng.choice(len(share), min(most, len(share)), replace=False, p=share))
 
 
 def _folds(number: NDArray[np.int64], settings: ContactTrainingSettings) -> int:

@@ -70,7 +70,8 @@ def read_pairs(paths: Sequence[Path], human: Role, avatar: Role, say: Callable[[
     """
     whole = _read(paths, say)
     human, avatar = _roles(list(whole.values()), human, avatar, say)
-    pairs = {n: _together(person_in(one, human.prefix), person_in(one, avatar.prefix)) for n, one in whole.items()}
+    # Of each whole recording, as large as both people of it together, only these are kept.
+    pairs = {n: _pair(whole.pop(n), human, avatar) for n in list(whole)}
     persons, others = ([pair[role] for pair in pairs.values()] for role in (0, 1))
     people, actors = _set_of(persons, others, human, say), _set_of(others, persons, avatar, say)
     if (known := canonical_names(actors)) and not known.keys() & {"pelvis", "left_hip", "right_hip"}:
@@ -145,6 +146,10 @@ def _roles(recordings: Sequence[Recording], human: Role, avatar: Role, say: Call
 
 def _repeated(names: Sequence[str]) -> set[str]:
     return {name for name in names if names.count(name) > 1}
+
+
+def _pair(whole: Recording, human: Role, avatar: Role) -> Pair:
+    return _together(person_in(whole, human.prefix), person_in(whole, avatar.prefix))
 
 
 def _together(person: Recording, actor: Recording) -> Pair:

@@ -5,6 +5,8 @@ import re
 import runpy
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).parents[1]
 PAGE = runpy.run_path(str(ROOT / "docs/site/messages.py"))
 
@@ -21,6 +23,7 @@ def sentences(source: str) -> set[str]:
     return {text for text in plain if len(re.findall(r"(?<!\S)[a-z]{2,}(?!\S)", text)) >= 5}
 
 
+@pytest.mark.slow
 def test_every_sentence_is_on_the_page() -> None:
     missing, count = [], 0
     for room in PAGE["ROOMS"]:

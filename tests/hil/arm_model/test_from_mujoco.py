@@ -94,6 +94,7 @@ def test_limits_and_gears_are_the_models(arm: ServoArm, twin: ArmTwin, folder: A
     assert folder.each[0] == pytest.approx(twin.model.jnt_actfrcrange[:, 1])
 
 
+@pytest.mark.slow
 def test_the_ready_posture_is_inside_the_limits_and_clear_of_everything(folder: ArmFolder) -> None:
     arm, ready = ServoArm(folder.mount, folder=folder), np.array(folder.ready)
     assert (arm.margins(ready) > np.radians(3.0)).all()

@@ -56,6 +56,7 @@ def test_what_is_not_there_is_left_out_and_said_so(small: dict):
     assert all(name in small.get("peers_advice", "") for name in missing)
 
 
+@pytest.mark.slow
 def test_a_skeleton_is_worth_more_than_a_filter_and_a_filter_more_than_nothing(small: dict):
     lost = small["lost_marker_rms_mm"]["simulated"]
     assert max(lost, key=lost.__getitem__) == "hold"

@@ -69,6 +69,7 @@ def hand_off(found) -> float:
     return float(np.linalg.norm(found.apply(HAND) - rotations.rotate(SPACE[0], HAND) - SPACE[1]))
 
 
+@pytest.mark.slow
 def test_nodding_and_turning_find_the_space_and_the_delay(clock: VirtualClock, tmp_path: Path) -> None:
     out = tmp_path / "headset.toml"
     summary = registered(clock, out)

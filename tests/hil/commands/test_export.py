@@ -35,6 +35,7 @@ def there(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()} - {"session.mcap"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", FILES)
 def test_files_lie_beside_the_recording_and_json_names_them(run, session, kind):
     code, out, _ = run(session, "--to", kind, "--json")

@@ -22,6 +22,7 @@ def person() -> Partner:
     return people(("happy",), ("B2",), 1, lambda *_: lambda *_, **__: None)[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("late", "called"), [(-30, "angry"), (30, "happy")])
 def test_it_is_called_by_the_style_in_which_palms_met(person: Partner, late: int, called: str, tmp_path: Path) -> None:
     """Changed a quarter of a second before, or after."""

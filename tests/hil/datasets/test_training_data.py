@@ -96,6 +96,7 @@ def test_the_hand_is_that_of_the_online_chain(captured: Path, solved: SolvedPair
     assert np.all(np.linalg.norm(palm - wrist, axis=-1) < np.linalg.norm(knuckles - wrist, axis=-1) + 0.02)
 
 
+@pytest.mark.slow
 def test_an_arm_of_which_a_marker_is_never_seen_is_none(captured: Path) -> None:
     person = read_c3d(captured / f"angry_{CELL}_1.c3d").person("human")
     assert track_hand(person, load_marker_set("paper"))[2] is not None

@@ -107,6 +107,7 @@ def test_distances_are_mujocos(scene: Scene) -> None:
     assert overlapping > 20
 
 
+@pytest.mark.slow
 def test_gradients_are_the_distances_differences(scene: Scene) -> None:
     addresses = scene.hinge_qpos[scene.arm_joints].ravel()
     for data in poses(scene, 5, 2):

@@ -284,6 +284,7 @@ def test_pages_are_counted(page: LivePage) -> None:
     assert page.pages == 0 and not page.wait_for_page(0.01)
 
 
+@pytest.mark.slow
 def test_a_port_in_use_is_one_line() -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

@@ -127,6 +127,7 @@ def test_it_goes_on_for_25_ms_and_then_stands_still_by_the_sessions_time(browser
     assert drawn_bodies(browser, late, [(110.0, 106.0)])[0, 0, 0] == pytest.approx(96e-3 + 10e-3, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_what_does_not_go_on_is_drawn_as_it_is(browser: Browser) -> None:
     """After a leap of a recording, in a new high five, at a standstill, and after a long gap."""
     steady = [(8.0 * i, message(8.0 * i, at(np.array([1e-3 * i, 0.0, 0.0])))) for i in range(13)]

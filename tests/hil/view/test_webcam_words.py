@@ -87,6 +87,7 @@ def test_what_keeps_the_camera_away_is_said(browser: Browser, name: str, expecte
     assert browser.evaluate("sent") == []  # after a reconnection, too: it keeps no other page's from counting
 
 
+@pytest.mark.slow
 def test_at_the_end_the_camera_goes_off(page: LivePage) -> None:
     """Also one that is allowed only then."""
     with Browser((800, 450), ["--use-fake-device-for-media-stream", "--use-fake-ui-for-media-stream"]) as allowing:

@@ -62,6 +62,7 @@ def test_a_word_from_far_away_leaves_weights_that_are_shares() -> None:
     assert np.isfinite(weights).all() and weights.sum() == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_places_are_found_and_one_cloud_is_one_place() -> None:
     rng = np.random.default_rng(3)
     centres = np.array([[x, y, z] for x in (0.0, 0.3) for y in (0.0, 0.3) for z in (0.0, 0.3)])

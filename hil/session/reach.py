@@ -143,9 +143,10 @@ class Reach:
         self._doubt.weigh(expectation.probability, expectation.familiar, dt)
         if person is not None and self._hangs(person) and _norm(person.velocity) < self.settings.rising:
             self._doubt.met = False
-        expected = self._expected(expectation) if expectation.familiar else _led(person, shoulder, self.settings)
-        if person is not None:
-            expected += self._pressing(person.normal)
+        if not expectation.familiar:
+            expected = _led(person, shoulder, self.settings)
+        else:
+            expected = self._expected(expectation) + (0.0 if person is None else self._pressing(person.normal))
         self._expects = expected
         self._advance(person, expected, dt)
         if self._phase in (Phase.APPROACH, Phase.TOUCH):

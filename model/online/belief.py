@@ -144,11 +144,12 @@ class Filter:
             self._looking = Looking(self._plan.features, self._plan.feature_offset, self._plan.ticks)
             self._factors = np.array(model.ensemble.spread, dtype=float)
         self._compile()
-        self.lost = max(settings.out_of_distribution, settings.beyond_usual * self._at_rest())
+        usual = min(settings.beyond_usual * self._at_rest(), settings.never_known)
+        self.lost = max(settings.out_of_distribution, usual)
 
     def deviation(self, covariance: Array) -> float:
-        """Of the interaction latents, all together, of a belief's ``covariance``."""
-        size = len(self._start)
+        """Of the interaction latents now, all together, of a belief's ``covariance`` (2 q, 2 q)."""
+        size = len(self._start) // 2
         return math.sqrt(covariance[:size, :size].trace())
 
     def _at_rest(self) -> float:
@@ -212,11 +213,18 @@ class Filter:
         return answer if self._direct is None or known is None else self._with(answer, left * known.beyond[1])
 
     def step(
-        self, belief: Belief, hand: Array | None, hand_variance: Array, style: Array, arm: PoseByArm = NO_ARM
+        self,
+        belief: Belief,
+        hand: Array | None,
+        hand_variance: Array,
+        style: Array,
+        arm: PoseByArm = NO_ARM,
+        anew: bool = False,
     ) -> tuple[Belief, Generated]:
         """One tick: predict, measure the hand (P,), of variances (P,), if it was seen, and generate.
 
-        What the whole ``arm`` says of the pose is pooled with it.
+        What the whole ``arm`` says of the pose is pooled with it. A hand that is seen ``anew`` is believed at once: the
+        pool is not smoothed then.
         """
         seen = belief.generated_hand if hand is None else _own(hand, self._coordinates)
         variance, weights = _own(hand_variance, self._coordinates), _own(style, self._styles)
@@ -226,7 +234,7 @@ class Filter:
         if hand is None:
             beyond = self._plan.residual_left * belief.beyond
         else:
-            looking, first = self._looking, not belief.started
+            looking, first = self._looking, anew or not belief.started
             style = moved.style[1]
             beyond = pooled(looking, self._direct, belief.beyond, first, moved.hands, style, answer.avatar, *arm)
         return moved._replace(beyond=beyond), self._with(answer, beyond[1])

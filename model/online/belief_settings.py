@@ -24,11 +24,13 @@ class BeliefSettings(Settings):
     out_of_distribution: float = setting(0.18, above=0.0)
     """Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost,
     ..."""
-    beyond_usual: float = setting(1.1, above=0.0)
+    beyond_usual: float = setting(1.165, above=0.0)
     """... or so many times that of a hand at rest where training trials begin, if that is more: it is each model's own.
 
     1 to 1.06 in nine tenths of the reaches of simulated people, 1.12 and more with a taller one who walks by (CMU 20).
     """
+    never_known: float = setting(0.36, above=0.0)
+    """... and beyond this in any case: a model that is never sure does not know whom it sees."""
 
 
 BELIEF = BeliefSettings()

@@ -82,7 +82,7 @@ def pooled(
     Args:
         looking, direct: what does not change.
         beyond: (2, channels) a tick ago.
-        first: nothing was seen a tick ago.
+        first: nothing was seen a tick ago, or the hand is seen anew: no smoothing.
         hands: (L, 2, P) the hand's last ticks, seen now.
         style: (K,) weights.
         avatar: (channels,) the hierarchy's answer.

@@ -11,6 +11,7 @@ from highfive.model.geometry.rotations import Array
 from highfive.model.settings import Settings, setting
 
 PEAK = 10.0 / math.sqrt(3.0)  # largest acceleration of the quintic that takes away 1 in 1 from rest, to rest
+DRIFT_PEAK = 3.94  # the same of the one that takes away a speed of 1
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,8 @@ class Inertializer:
             self._length = 0.0
         elif self._age == 1 and self._length == 0.0:
             self._drift = self._velocity - (values - self._target) / self._seconds
-            needed = math.sqrt(PEAK * float(np.abs(self._offset).max()) / self.settings.gentle)
+            gentle, drift = self.settings.gentle, float(np.abs(self._drift).max())
+            needed = max(math.sqrt(PEAK * float(np.abs(self._offset).max()) / gentle), DRIFT_PEAK * drift / gentle)
             self._length = min(max(needed, self.settings.shortest), self.settings.longest)
             said = values + self._left()
         elif self._age:

@@ -216,7 +216,7 @@ class Responder:
         changed = self._belief.started and (surer or (hand is None) == (self._belief.away == 0))
         last = None if self._arm is None else self._arm.step(hand, variance, arm)
         told = NO_ARM if self._arm is None else self._arm.pose(last, self._belief.style[1])
-        belief, generated = self._filter.step(self._belief, hand, variance, self._style, told)
+        belief, generated = self._filter.step(self._belief, hand, variance, self._style, told, changed)
         if not _usable(belief, generated):
             self.reset()
             changed = False

@@ -156,6 +156,9 @@ def test_a_hand_that_creeps_up_is_not_met_before_its_time(speed: float) -> None:
             target = reach.step(generated, person, Expectation((end - i) * DT, 0.03, True), SHOULDER, DT)
             gaps.append(float(person.position[0] - target.position[0]))
         assert abs(gaps[-1]) < (settings.touching or 1e-6)
+        person = palm(np.array([0.5, 0.0, 1.4]), -OUT)
+        later = [reach.step(generated, person, Expectation(0.0, 0.03, True), SHOULDER, DT) for _ in range(8)]
+        assert abs(person.position[0] - later[-1].position[0]) < 1e-6
         assert min(gaps) > -1e-6  # never into the hand
         assert np.diff(gaps[30:]).max() < 1e-6  # nor back from it
         early[name] = sum(gap < 0.002 for gap in gaps[:-1])

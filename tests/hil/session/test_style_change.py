@@ -77,8 +77,13 @@ def test_a_change_at_any_phase_adds_no_more_than_the_smoothing_lets_through(
     for corrected in (False, True):
         pure = [hinges(unchanged[emotion], corrected) for emotion in (one, other)]
         usual = np.max([largest_steps(angles) for angles in pure], axis=0)
-        # A step of the weights behind two smoothings of time constant τ starts with an acceleration of 1 / τ².
-        start = np.abs(pure[0] - pure[1]).max() / (RATE_HZ * BELIEF.style_time) ** 2 * np.array([RATE_HZ, RATE_HZ**2])
+        # A step of the weights behind two smoothings of time constant τ starts with an acceleration of 1 / τ², and
+        # is at most 1 / (e τ) fast; by the product rule, what the two motions differ by is moved so, and their speeds too.
+        apart, tau = pure[0] - pure[1], BELIEF.style_time
+        place, speed, turn = (np.abs(np.diff(apart, n=n, axis=0) if n else apart).max() * RATE_HZ**n for n in (0, 1, 2))
+        rise, bend = 1.0 / (np.e * tau), 1.0 / tau**2
+        start = place * bend * np.array([1.0 / RATE_HZ, 1.0])
+        start += np.array([2.0 * rise * speed, 3.0 * rise * turn + 3.0 * bend * speed]) / RATE_HZ
         assert np.all(largest_steps(hinges(ticks, corrected)) <= SLACK[corrected] * usual + start)
     # The change is one: half a second after the last, everything is as in the style that was arrived at.
     assert max(changes) < len(ticks) - 60

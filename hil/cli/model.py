@@ -50,7 +50,10 @@ def train(
     data: Annotated[Path, typer.Argument(help="Folder with C3D files of two people and trials.csv.")],
     out: Annotated[Path, typer.Option(help="The model's file.")] = Path("model.safetensors"),
     preset: Annotated[str, typer.Option(help="default, or paper for the sizes of Taubert et al. 2013.")] = "default",
-    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    inducing: Annotated[
+        int,
+        typer.Option(min=2, help="Inducing inputs of each layer; contact layers take more, up to 400, of many frames."),
+    ] = 200,
     human: Human = "human",
     avatar: Avatar = "avatar",
     human_set: HumanSet = None,

@@ -78,7 +78,7 @@ def test_a_change_at_any_phase_adds_no_more_than_the_smoothing_lets_through(
         pure = [hinges(unchanged[emotion], corrected) for emotion in (one, other)]
         usual = np.max([largest_steps(angles) for angles in pure], axis=0)
         # A step of the weights behind two smoothings of time constant τ starts with an acceleration of 1 / τ², and
-        # is at most 1 / (e τ) fast; by the product rule, what the two motions differ by is moved so, and their speeds too.
+        # is at most 1 / (e τ) fast; by the product rule, what two motions differ by is moved so, and their speeds too.
         apart, tau = pure[0] - pure[1], BELIEF.style_time
         place, speed, turn = (np.abs(np.diff(apart, n=n, axis=0) if n else apart).max() * RATE_HZ**n for n in (0, 1, 2))
         rise, bend = 1.0 / (np.e * tau), 1.0 / tau**2

@@ -148,9 +148,8 @@ class Filter:
         self.lost = max(settings.out_of_distribution, usual)
 
     def deviation(self, covariance: Array) -> float:
-        """Of the interaction latents now, all together, of a belief's ``covariance`` (2 q, 2 q)."""
-        size = len(self._start) // 2
-        return math.sqrt(covariance[:size, :size].trace())
+        """Of the interaction latents now and a lag ago, all together, of a belief's ``covariance`` (2 q, 2 q)."""
+        return math.sqrt(covariance.trace())
 
     def _at_rest(self) -> float:
         style = np.full(self._styles, 1.0 / self._styles)

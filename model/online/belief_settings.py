@@ -27,7 +27,7 @@ class BeliefSettings(Settings):
     beyond_usual: float = setting(1.165, above=0.0)
     """... or so many times that of a hand at rest where training trials begin, if that is more: it is each model's own.
 
-    1 to 1.06 in nine tenths of the reaches of simulated people, 1.12 and more with a taller one who walks by (CMU 20).
+    1 to 1.06 in nine tenths of the reaches of simulated people, 1.12 to 1.26 with a taller one who walks by (CMU 20).
     """
     never_known: float = setting(0.36, above=0.0)
     """... and beyond this in any case: a model that is never sure does not know whom it sees."""

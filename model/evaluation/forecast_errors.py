@@ -10,10 +10,10 @@ from highfive.model.evaluation import metrics
 from highfive.model.evaluation.baselines import RIDGE_PENALTY
 from highfive.model.evaluation.minimum_jerk import reach_end
 from highfive.model.evaluation.predictions import Prediction
-from highfive.model.evaluation.scores import CLOCK_LIMIT
+from highfive.model.evaluation.scores import time_left
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.contact_layer import REGION
-from highfive.model.hgpdm.dataset import CLOCK_SCALE, Channels, hand_history
+from highfive.model.hgpdm.dataset import Channels, hand_history
 from highfive.model.hgpdm.hierarchy import Problem
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
@@ -55,8 +55,7 @@ def contact_time_errors(trials: Sequence[Trial], answers: dict[str, list[Predict
     for number, trial in enumerate(trials):
         clock = Channels(trial.joints.shape[1]).clock
         for name, given in answers.items():
-            said = np.clip(given[number].outputs[:, clock], -CLOCK_LIMIT, CLOCK_LIMIT)
-            left: list[float] = (CLOCK_SCALE * np.arctanh(said)).tolist()
+            left: list[float] = time_left(given[number].outputs[:, clock]).tolist()
             at = [(_nearest(given[number], trial, before), before) for before in BEFORE.tolist()]
             row = [np.nan if n is None else abs(left[n] - before) for n, before in at]
             found.setdefault(name, []).append(row)

@@ -146,16 +146,18 @@ def _pose_errors(predicted: Array, held: HeldOut, body: Body) -> dict[str, float
     }
 
 
+def time_left(clock: Array) -> Array:
+    """Seconds until contact by a contact clock, of the same shape; as far as it tells."""
+    return CLOCK_SCALE * np.arctanh(np.clip(clock, -CLOCK_LIMIT, CLOCK_LIMIT))
+
+
 def _contact_errors(predicted: Array, held: HeldOut) -> dict[str, float]:
     """Where and when the palms will meet; nothing if no trial has a frame soon before contact."""
     if not np.any(held.soon):
         return {}
     where = Channels(len(held.moving))
     point = np.linalg.norm((predicted - held.outputs)[held.soon, where.contact], axis=1)
-    got, expected = (
-        CLOCK_SCALE * np.arctanh(np.clip(outputs[held.soon, where.clock], -CLOCK_LIMIT, CLOCK_LIMIT))
-        for outputs in (predicted, held.outputs)
-    )
+    got, expected = (time_left(outputs[held.soon, where.clock]) for outputs in (predicted, held.outputs))
     return {"contact_point": float(point.mean()), "time_to_contact": float(np.abs(got - expected).mean())}
 
 

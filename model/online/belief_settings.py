@@ -22,8 +22,8 @@ class BeliefSettings(Settings):
     covariance_limit: float = setting(10.0, above=0.0)
     """Variance of a latent beyond which more means nothing: the data have variance 1."""
     out_of_distribution: float = setting(0.18, above=0.0)
-    """Standard deviation of the interaction latents (all together; their own is 1 each) beyond which the model is lost,
-    ..."""
+    """Standard deviation of the interaction latents now and a lag ago (all together; their own is 1 each) beyond which
+    the model is lost, ..."""
     beyond_usual: float = setting(1.165, above=0.0)
     """... or so many times that of a hand at rest where training trials begin, if that is more: it is each model's own.
 

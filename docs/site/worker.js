@@ -11,7 +11,31 @@ const asWords = (query) => {
   if (!message) return kept.join(" ");
   return ["+text:highfivemessages^1", ...kept.map((word) => `text:${word.replace(/[-'].*/, "")}^1`)].join(" ");
 };
-const asQuery = (data) => (data && data.type === 2 ? { ...data, data: asWords(data.data) } : data);
+const wordsOf = (text) => text.toLowerCase().match(/[\p{L}\d]+/gu) || [];
+
+// Parts that have the same words are told apart by how many of them stand together there as they do in what was asked for.
+let asked = [];
+const together = (text) => {
+  const there = ` ${wordsOf(text.replace(/<[^>]+>/g, "")).join(" ")} `;
+  for (let length = asked.length; length > 1; length--)
+    for (let start = 0; start + length <= asked.length; start++)
+      if (there.includes(` ${asked.slice(start, start + length).join(" ")} `)) return length;
+  return 0;
+};
+const inOrder = (data) => {
+  if (data && data.type === 3)
+    for (const page of data.data.items)
+      if (page.some((part) => (part.location || "").startsWith("reference/messages"))) {
+        const found = new Map(page.map((part) => [part, part.parent ? together(part.text || "") : Infinity]));
+        page.sort((one, other) => found.get(other) - found.get(one));
+      }
+  return data;
+};
+const asQuery = (data) => {
+  if (!data || data.type !== 2) return data;
+  asked = wordsOf(data.data);
+  return { ...data, data: asWords(data.data) };
+};
 
 // Browsers start no worker of a page that was opened from a file. The search's script then runs in a hidden frame.
 if (location.protocol === "file:")
@@ -23,7 +47,7 @@ if (location.protocol === "file:")
       frame.hidden = true;
       document.documentElement.append(frame);
       this.inside = frame.contentWindow;
-      this.inside.postMessage = (data) => this.dispatchEvent(new MessageEvent("message", { data }));
+      this.inside.postMessage = (data) => this.dispatchEvent(new MessageEvent("message", { data: inOrder(data) }));
       const script = frame.contentDocument.createElement("script");
       script.src = url;
       script.onload = () => {
@@ -40,6 +64,10 @@ if (location.protocol === "file:")
   };
 else
   window.Worker = class extends window.Worker {
+    constructor(url) {
+      super(url);
+      this.addEventListener("message", (event) => inOrder(event.data));
+    }
     postMessage(data) {
       super.postMessage(asQuery(data));
     }

@@ -32,8 +32,10 @@ slow: $(READY)  ## tests that take long
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 12 -m "slow and not realtime" $(SLOW)
 	$(BIN)/python -m pytest -m "slow and realtime" $(REALTIME)
 
-sweep: $(READY)  ## a thousand schedules of faults, of which CI runs a hundred (20 min on two cores)
+sweep: $(READY)  ## of what CI tries a part: a thousand schedules of faults, an arm at each cell, damaged files (half an hour)
 	$(BIN)/highfive bench faults --seeds 1000
+	$(BIN)/highfive bench arms --arms 9
+	$(BIN)/highfive bench fuzz --inputs 5000 --jobs 2
 
 style: $(READY)  ## style and types
 	$(BIN)/ruff check .

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -222,13 +223,18 @@ def contact_frame(distance: Array, rate_hz: float) -> int:
     """Frame at which two palms come together, from their distance (T,), m.
 
     Palms that meet stay together for a while, press and slide; which frame of it is the nearest is up to noise. It is
-    the first of those that are hardly further apart than the nearest, with at most 0.1 s from one to the next.
+    the first of those that are hardly further apart than the nearest, with at most 0.1 s from one to the next. A slow
+    palm, which is hardly further for a while before it meets, is followed for as long as that takes at its speed.
     """
-    frame = int(np.argmin(distance))
-    near = distance <= distance[frame] + max(MEETING, 0.1 * distance[frame])
-    window = round(0.1 * rate_hz)
+    frame, window = int(np.argmin(distance)), round(0.1 * rate_hz)
+    hardly = max(MEETING, 0.1 * float(distance[frame]))
+    near = distance <= distance[frame] + hardly
     while len(earlier := np.flatnonzero(near[max(0, frame - window) : frame])):
         frame = max(0, frame - window) + int(earlier[0])
+    before = max(0, frame - window // 2)
+    speed = float(distance[before] - distance[frame]) / max(frame - before, 1)  # m per frame
+    on_its_way = math.ceil(hardly / speed) if 2 * window * speed > hardly else 0
+    frame += int(np.argmin(distance[frame : frame + on_its_way + 1]))
     return frame
 
 

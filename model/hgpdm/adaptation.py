@@ -152,7 +152,7 @@ def adapt(
         contact_points = _contact_points(model, learned, settings)
         speed, _, _ = approaches(learned, knuckle_speed)
         forecast = _adapted(_layer(model.contact.posterior, 0), contact_points, seed, settings)
-        contact = ContactLayer(forecast.posterior, _scales(model.contact, contact_points, speed, forecast))
+        contact = ContactLayer(forecast.posterior, _calibration(model.contact, contact_points, speed, forecast))
         if model.arm_contact is not None and have_arms(learned):
             features, layer = model.arm_contact.features, model.arm_contact.layer
             armed = with_arms(learned)
@@ -162,8 +162,8 @@ def adapt(
             points = points._replace(trial=np.searchsorted(armed, points.trial))
             by_arm = _adapted(_layer(layer.posterior, 0), points, seed, settings)
             share = model.arm_contact.share
-            scales = _scales(layer, points, speed[rows], by_arm, (forecast.of(rows), share))
-            arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, scales), share)
+            both = _calibration(layer, points, speed[rows], by_arm, (forecast.of(rows), share))
+            arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, both), share)
     posterior = _with_noise(avatar, avatar_points)
     about: dict[str, object] = {"adapted_from": model.data_hash, "adapted_trials": len(learned), "share": avatar.share}
     if forecast is not None:
@@ -219,13 +219,13 @@ def _contact_points(model: HGPDM, trials: Sequence[Trial], settings: AdaptationS
     return _Points(np.asarray(model.feature_map(seen)), left, counts, None, number)
 
 
-def _scales(
+def _calibration(
     layer: ContactLayer, points: _Points, speed: Array, own: _Chosen, beside: tuple[_Chosen, float] | None = None
 ) -> Array:
     """Calibration of an adapted layer by trials left out, pooled, with a share of its own, with what the hand's
     ``beside`` it says; of one trial, as before."""
     if own.error is None or own.variance is None:
-        return layer.scales
+        return layer.calibration
     error, variance = own.error, _variances(own.posterior, own.variance)
     if beside is not None:
         hand, share = beside

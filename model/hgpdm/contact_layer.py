@@ -35,25 +35,26 @@ class ContactLayer:
 
     Attributes:
         posterior: from the features to the way (3, m) from the knuckles to the contact point, and the time (1, s).
-        scales: (KNOTS, SPEEDS, 2) factors of the variances of way and time at the forecast times ``KNOTS`` and the
-            speeds ``SPEEDS``.
+        calibration: (KNOTS, SPEEDS, 3), by how much later contact comes than forecast, s, in the median, and factors of
+            the variances of way and time, at the forecast times ``KNOTS`` and the speeds ``SPEEDS``.
     """
 
     posterior: Posterior
-    scales: Array
+    calibration: Array
 
-    def calibrated(self, time: float, speed: float, covariance: Array) -> Array:
-        """Covariance (4, 4) of a forecast of that time, s, for knuckles of that speed, m/s, as cross-validation says it
-        must be: where a quick hand ends is known less well than its time, of a slow one the other way round."""
-        factors = _deviation_factors(self.scales, KNOTS, SPEEDS, time, speed)
-        return covariance * factors * factors[:, None]
+    def calibrated(self, time: float, speed: float, covariance: Array) -> tuple[float, Array]:
+        """Time, s, and covariance (4, 4) of a forecast of ``time``, s, for knuckles of ``speed``, m/s, as
+        cross-validation says that they must be: a slow hand is soon taken for one that has arrived, and where a quick
+        one ends is known less well than its time."""
+        late, way, clock = _between(self.calibration, KNOTS, SPEEDS, time, speed)
+        factors = np.sqrt([way, way, way, clock])
+        return time + float(late), covariance * factors * factors[:, None]
 
 
 @compiled_entry
-def _deviation_factors(scales: Array, knots: Array, speeds: Array, time: float, speed: float) -> Array:
-    """Factors (4,) of the standard deviations of way and time between those (KNOTS, SPEEDS, 2) of the variances at
-    ``knots``, s, and ``speeds``, m/s: linear in time and in the logarithm of the speed, beyond them those of the last.
-    """
+def _between(table: Array, knots: Array, speeds: Array, time: float, speed: float) -> Array:
+    """What a ``table`` (KNOTS, SPEEDS, C) of ``knots``, s, and ``speeds``, m/s, has (C,) between them: linear in time
+    and in the logarithm of the speed, beyond them that of the last."""
     row, down = 0, 0.0
     for i in range(1, len(knots)):
         if time > knots[i - 1]:
@@ -62,13 +63,9 @@ def _deviation_factors(scales: Array, knots: Array, speeds: Array, time: float, 
     for i in range(1, len(speeds)):
         if speed > speeds[i - 1]:
             column, right = i - 1, min(np.log(speed / speeds[i - 1]) / np.log(speeds[i] / speeds[i - 1]), 1.0)
-    factors = np.empty(4)
-    for channel in range(2):
-        upper = (1.0 - right) * scales[row, column, channel] + right * scales[row, column + 1, channel]
-        lower = (1.0 - right) * scales[row + 1, column, channel] + right * scales[row + 1, column + 1, channel]
-        factors[3 * channel] = np.sqrt((1.0 - down) * upper + down * lower)
-    factors[1:3] = factors[0]
-    return factors
+    upper = (1.0 - right) * table[row, column] + right * table[row, column + 1]
+    lower = (1.0 - right) * table[row + 1, column] + right * table[row + 1, column + 1]
+    return (1.0 - down) * upper + down * lower
 
 
 @dataclass(frozen=True)
@@ -80,7 +77,7 @@ class ArmContactLayer:
 
     Attributes:
         features: of the arm and its history.
-        layer: from these to way and time; its factors are those of the pooled forecast.
+        layer: from these to way and time; its calibration is that of the pooled forecast.
         share: of this layer in it; the more trials there are to learn from, the larger.
     """
 

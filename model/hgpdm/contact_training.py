@@ -157,8 +157,8 @@ def fit_contact_layers(
     arm = _fitted(features(arms, tempo), left, number, inducing, seed, progress, settings)
     share = ARM_SHARE if not _folds(number, settings) else best_share(arm.error, hand.error[rows], left, settings)
     error, variance = (pooled(a, h[rows], share) for a, h in ((arm.error, hand.error), (arm.variance, hand.variance)))
-    scales = _calibration(_Fitted(arm.posterior, error, variance), left, speed[rows], number, settings)
-    return hand_layer, ArmContactLayer(features, ContactLayer(arm.posterior, scales), share)
+    both = _calibration(_Fitted(arm.posterior, error, variance), left, speed[rows], number, settings)
+    return hand_layer, ArmContactLayer(features, ContactLayer(arm.posterior, both), share)
 
 
 def best_share(arm: Array, hand: Array, left: Array, settings: ContactTrainingSettings = CONTACT_TRAINING) -> float:
@@ -244,9 +244,9 @@ def knuckle_speed(trial: Trial, times: Array) -> Array:
 def _calibration(
     fitted: _Fitted, left: Array, speed: Array, number: NDArray[np.int64], settings: ContactTrainingSettings
 ) -> Array:
-    """Factors by what was said of trials that were left out; of one trial alone, ones."""
+    """By what was said of trials that were left out; of one trial alone, none."""
     if not _folds(number, settings):
-        return np.ones((len(KNOTS), len(SPEEDS), 2))
+        return np.tile([0.0, 1.0, 1.0], (len(KNOTS), len(SPEEDS), 1))
     return calibration(fitted.error, fitted.variance, left, speed, number, settings)
 
 
@@ -254,10 +254,11 @@ def calibration(
     error: Array, variance: Array, left: Array, speed: Array, number: NDArray[np.int64],
     settings: ContactTrainingSettings = CONTACT_TRAINING,
 ) -> Array:  # fmt: skip
-    """Factors (KNOTS, SPEEDS, 2) by errors and variances (n, 4) of trials ``number`` (n,) that were left out.
+    """A contact layer's (KNOTS, SPEEDS, 3) by errors and variances (n, 4) of trials ``number`` (n,) that were left out.
 
-    They make the regions hold ``REGION`` of the frames that are forecast at about each knot's time, of knuckles about
-    as fast. The level is raised as in split conformal prediction (Vovk et al. 2005), and kept for each group by itself
+    How much later than forecast contact comes is the median. The factors make the regions hold ``REGION`` of the
+    frames that are forecast at about each knot's time, of knuckles about as fast. The level is raised as in split
+    conformal prediction (Vovk et al. 2005), and kept for each group by itself
     (Mondrian conformal prediction, the same), with trials for examples: frames of a trial err together.
 
     Args:
@@ -267,18 +268,22 @@ def calibration(
         number: of whom a frame is.
         settings: how many frames and trials make a group.
     """
-    time, squares = left[:, 3] + error[:, 3], error**2 / variance
-    scales = np.empty((len(KNOTS), len(SPEEDS), 2))
+    time = left[:, 3] + error[:, 3]
+    found = np.empty((len(KNOTS), len(SPEEDS), 3))
     for row, knot in enumerate(KNOTS):
         distance = np.abs(time - knot)
         near = distance <= max(settings.span, np.sort(distance)[min(settings.fewest, len(distance)) - 1])
         for column, usual in enumerate(SPEEDS):
             group = np.flatnonzero(near)[_alike(speed[near], number[near], usual, settings)]
             level = min(REGION * (1.0 + 1.0 / len(np.unique(number[group]))), 1.0)
-            for channel, part in enumerate((squares[group, :3], squares[group, 3:])):
-                found = np.quantile(part.sum(axis=1), level)
-                scales[row, column, channel] = found / chdtri(part.shape[1], 1.0 - REGION)
-    return np.maximum(scales, 1e-3)
+            late = -np.median(error[group, 3])
+            squares = (error[group] + [0.0, 0.0, 0.0, late]) ** 2 / variance[group]
+            factors = [
+                np.quantile(part.sum(axis=1), level) / chdtri(part.shape[1], 1.0 - REGION)
+                for part in (squares[:, :3], squares[:, 3:])
+            ]
+            found[row, column] = late, *np.maximum(factors, 1e-3)
+    return found
 
 
 def _alike(

@@ -48,11 +48,11 @@ def _check_beside(model: HGPDM, inputs: int) -> None:
     """Raises ValueError unless what stands beside the hierarchy fits; ``inputs`` are the hand's features."""
     if model.contact is not None:
         _check_layer("contact", model.contact.posterior, inputs, CHANNELS)
-        _check_scales(model.contact)
+        _check_calibration(model.contact)
     if model.arm_contact is not None:
         _check_arm_features(model.arm_contact.features)
         _check_layer("arm_contact", model.arm_contact.layer.posterior, SIZE, CHANNELS)
-        _check_scales(model.arm_contact.layer)
+        _check_calibration(model.arm_contact.layer)
         _check_share(model.arm_contact.share)
     if model.ensemble is not None:
         _check_ensemble(model.ensemble, inputs, model.joints + AUXILIARY, len(model.emotions))
@@ -125,9 +125,9 @@ def _check_task_space(space: TaskSpace, joints: int) -> None:
         raise ValueError(f"a palm carried by joints {chain.joints.tolist()}, of {joints // 3}")
 
 
-def _check_scales(layer: ContactLayer) -> None:
-    if layer.scales.shape != (expected := (len(KNOTS), len(SPEEDS), 2)):
-        raise ValueError(f"a calibration of shape {layer.scales.shape}, expected {expected}")
+def _check_calibration(layer: ContactLayer) -> None:
+    if layer.calibration.shape != (expected := (len(KNOTS), len(SPEEDS), 3)):
+        raise ValueError(f"a calibration of shape {layer.calibration.shape}, expected {expected}")
 
 
 def _check_layer(name: str, layer: Posterior, inputs: int, outputs: int) -> None:

@@ -61,10 +61,11 @@ def save_model(model: HGPDM, path: Path | str, *, replace: bool = True) -> None:
     for number, stage in enumerate(model.back):
         arrays |= _layer_arrays(f"back.{number}", stage)
     if model.contact is not None:
-        arrays |= _layer_arrays("contact", model.contact.posterior) | {"contact.scales": model.contact.scales}
+        arrays |= _layer_arrays("contact", model.contact.posterior)
+        arrays |= {"contact.calibration": model.contact.calibration}
     if model.arm_contact is not None:
         arrays |= _layer_arrays("arm_contact", model.arm_contact.layer.posterior)
-        arrays |= {"arm_contact.scales": model.arm_contact.layer.scales}
+        arrays |= {"arm_contact.calibration": model.arm_contact.layer.calibration}
         arrays |= {"arm_contact.share": np.array(model.arm_contact.share)}
         arrays |= _arm_arrays("arm_features", model.arm_contact.features)
     if model.ensemble is not None:
@@ -220,9 +221,7 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         interaction=_layer("interaction", arrays),
         human=_layer("human", arrays),
         avatar=_layer("avatar", arrays),
-        contact=ContactLayer(_layer("contact", arrays), _by_speed(arrays["contact.scales"]))
-        if "contact.scales" in arrays
-        else None,
+        contact=_contact_layer("contact", arrays) if "contact.weights" in arrays else None,
         start_mean=arrays["start_mean"],
         start_covariance=arrays["start_covariance"],
         interaction_latents=arrays["interaction_latents"].astype(np.float32),
@@ -233,10 +232,10 @@ def _build(description: Mapping[str, Any], arrays: dict[str, Array]) -> HGPDM:
         learning_curve=arrays.get("learning_curve", np.zeros(0)).astype(np.float32),
         arm_contact=ArmContactLayer(
             _arm_features("arm_features", arrays),
-            ContactLayer(_layer("arm_contact", arrays), _by_speed(arrays["arm_contact.scales"])),
+            _contact_layer("arm_contact", arrays),
             float(arrays.get("arm_contact.share", ARM_SHARE)),
         )
-        if "arm_contact.scales" in arrays
+        if "arm_contact.weights" in arrays
         else None,
         task_space=_task_space(arrays) if "task_space.slopes" in arrays else None,
         ensemble=PoseEnsemble(
@@ -283,6 +282,10 @@ def _neighbours(arrays: Mapping[str, Any]) -> Neighbours:
     return Neighbours(**{name: arrays[f"neighbours.{name}"] for name in NEIGHBOURS})
 
 
-def _by_speed(scales: Array) -> Array:
-    """Factors of a contact layer; a model of before knows them by time alone."""
-    return np.repeat(scales[:, None], len(SPEEDS), axis=1) if scales.ndim == 2 else np.array(scales)
+def _contact_layer(name: str, arrays: dict[str, Array]) -> ContactLayer:
+    """A model of before knows its factors alone, and the oldest those by time alone."""
+    if (known := arrays.get(f"{name}.calibration")) is None:
+        scales = arrays[f"{name}.scales"]
+        scales = np.repeat(scales[:, None], len(SPEEDS), axis=1) if scales.ndim == 2 else scales
+        known = np.concatenate([np.zeros((*scales.shape[:2], 1)), scales], axis=2)
+    return ContactLayer(_layer(name, arrays), np.array(known))

@@ -46,10 +46,9 @@ def contact_forecast(
         speed: m/s, of theirs.
         left: m and s.
         covariance: (4, 4), as a layer says it.
-        layer: whose factors say what it must be.
+        layer: whose calibration says what time and covariance must be.
     """
-    time = float(left[3])
-    return ContactForecast(knuckles + left[:3], time, layer.calibrated(time, speed, covariance))
+    return ContactForecast(knuckles + left[:3], *layer.calibrated(float(left[3]), speed, covariance))
 
 
 @compiled_entry

@@ -363,18 +363,18 @@ def test_none_is_refused() -> None:
         bench_faults(replace(FaultsOptions(), seeds=0), quiet)
 
 
-@pytest.mark.slow(200)
-def test_a_hundred_schedules_break_no_law() -> None:
+@pytest.mark.slow(90)
+def test_thirty_schedules_break_no_law() -> None:
     """One of them, 152, has found a law broken; `make sweep` runs a thousand."""
-    result = bench_faults(FaultsOptions(100, first=100), quiet)
-    assert result["schedules"] == 100
+    result = bench_faults(FaultsOptions(30, first=130), quiet)
+    assert result["schedules"] == 30
     assert not result["broken"], result["broken"]
     assert result["estop_ms"] <= ESTOP_MS and result["hold_ms"] <= HELD_MS
     assert result["watchdog_ms"] <= WATCHDOG_MS and result["last_goal_ms"] <= HELD_MS
     assert np.isfinite(list(result["worst"].values())).all()
     assert set(result["judged"]) == set(result["worst"])
     for law in (ESTOP, HOLD, UNSEEN, *(form.format(kind) for form in (LAST_GOAL, WATCHDOG) for kind in DEATHS)):
-        assert result["judged"][law] >= 3, law
+        assert result["judged"][law] >= 1, law
 
 
 @pytest.mark.slow

@@ -188,6 +188,17 @@ def test_contact_is_when_palms_come_together_not_when_noise_is_least() -> None:
     assert contact_frame(twice, 120.0) == 99
 
 
+@pytest.mark.parametrize("speed", [0.08, 0.16, 0.3, 1.0, 3.0])
+def test_contact_of_slow_palms_is_not_when_they_are_nearly_there(speed: float) -> None:
+    """3 mm before contact a slow palm is 20 to 40 ms from it."""
+    seconds = np.arange(-60, 60) / 120.0
+    for least in (0.0, 0.08):  # markers on the backs of hands stay apart
+        for seed in range(20):
+            noise = np.random.default_rng(seed).uniform(-0.0005, 0.0005, len(seconds))
+            frame = contact_frame(least + speed * np.abs(seconds) + noise, 120.0)
+            assert abs(seconds[frame]) < 1.1 / 120.0
+
+
 def test_rotation_vectors_go_on_past_half_a_turn() -> None:
     angle = np.linspace(0.0, 6.0, 200)
     wrapped = rotations.to_rotation_vector(rotations.from_axis_angle("z", angle))

@@ -110,7 +110,7 @@ def test_the_layer_of_the_whole_arm_is_adapted_where_most_trials_have_one(model:
         left = approaches(held, tempo_history)[1]
         errors.append(np.abs(means(layer.layer.posterior, layer.features(*seen)) - left)[:, 2].mean())
     assert errors[1] < 0.5 * errors[0]  # palms meet higher there
-    assert after.arm_contact.layer.scales.shape == arm.layer.scales.shape
+    assert after.arm_contact.layer.calibration.shape == arm.layer.calibration.shape
     one_without, _ = adapt(armed, [*learn[:-1], replace(learn[-1], arm_points=None)])
     assert one_without.arm_contact is not None
     assert adapt(armed, new[0])[0].arm_contact is None

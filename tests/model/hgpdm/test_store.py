@@ -24,16 +24,19 @@ def test_load_after_save_is_the_identity(model: HGPDM, path: Path):
     assert not list(path.parent.glob("*.partial"))
 
 
-def test_a_model_of_before_knows_no_speed(path: Path):
-    """Its contact layer was calibrated by time alone, which then counts for every speed."""
+def test_a_model_of_before_has_no_clock_to_set_and_an_older_one_knows_no_speed(path: Path):
+    """Factors alone; or those by forecast time alone, which then count for every speed."""
     with safe_open(path, "np") as file:
         arrays, about = {name: file.get_tensor(name) for name in file.keys()}, file.metadata()  # noqa: SIM118
-    arrays["contact.scales"] = np.ascontiguousarray(arrays["contact.scales"][:, 1])
-    save_file(arrays, path, about)
-    layer = load_model(path).contact
-    assert layer is not None and layer.scales.shape == (len(KNOTS), len(SPEEDS), 2)
-    for column in range(len(SPEEDS)):
-        np.testing.assert_array_equal(layer.scales[:, column], arrays["contact.scales"])
+    scales = np.ascontiguousarray(arrays.pop("contact.calibration")[..., 1:])
+    for of_before in (scales, np.ascontiguousarray(scales[:, 1])):
+        save_file(arrays | {"contact.scales": of_before}, path, about)
+        layer = load_model(path).contact
+        assert layer is not None and layer.calibration.shape == (len(KNOTS), len(SPEEDS), 3)
+        assert np.all(layer.calibration[..., 0] == 0.0)
+        for column in range(len(SPEEDS)):
+            expected = of_before if of_before.ndim == 2 else of_before[:, column]
+            np.testing.assert_array_equal(layer.calibration[:, column, 1:], expected)
 
 
 def test_another_skeleton_is_refused(path: Path):

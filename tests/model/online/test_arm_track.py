@@ -97,7 +97,7 @@ def test_a_doubted_point_widens_the_belief_by_what_it_would_change(armed: HGPDM,
         speed = float(np.linalg.norm(np.subtract(*knuckles))) / SPEED_SPAN
         arm = armed.arm_contact
         assert arm is not None
-        factor = arm.layer.calibrated(sure.time, speed, np.ones((4, 4)))[0, 0]
+        factor = arm.layer.calibrated(sure.time, speed, np.ones((4, 4)))[1][0, 0]
         # Covariances are pooled.
         assert grown[:3, :3].trace() == pytest.approx(factor * expected.trace() / arm.share, rel=0.15)
 

@@ -13,7 +13,7 @@ SLOW = $(shell grep -rlE --include='test_*.py' 'mark\.slow' tests)
 unexport PYTHONDONTWRITEBYTECODE
 
 .NOTPARALLEL:
-.PHONY: demo test fast clock slow sweep style check model docs notebooks dist licences release-check recording three \
+.PHONY: demo test fast clock slow sweep style check model docs pictures notebooks dist licences release-check recording three \
 	webcam lerobot format
 
 demo: $(READY)  ## high fives in the browser, and a simulated session: report, film and recording in out/
@@ -51,6 +51,13 @@ model: $(READY)  ## the default model again, from nothing
 docs: $(READY)  ## the documentation site, in out/site
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
 	@echo "open out/site/index.html"
+
+pictures: $(READY)  ## the pictures of the documentation again, from runs of today; needs OpenGL and Chromium, half an hour
+	for picture in front page experiment study; do \
+	  $(BIN)/python docs/make_$${picture}_picture*.py || exit 1; done
+	for arm in :vx300s _wx250s:wx250s _openmanipulator_x:openmanipulator_x _koch_v1_1:koch_v1_1; do \
+	  $(BIN)/highfive rig reach --arm $${arm#*:} --picture docs/arm_reach$${arm%:*}.png --overwrite || exit 1; done
+	$(BIN)/highfive bench contact --player twin --picture docs/contact_map.png --overwrite
 
 dist: $(READY)  ## wheels and source distributions of the last commit, in dist/; the same commit gives the same bytes
 	$(BIN)/python packaging/dist.py --check

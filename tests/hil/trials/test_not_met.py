@@ -70,7 +70,7 @@ def test_a_hand_that_is_never_seen_hidden_or_not_raised(why: Callable[..., str])
     assert why(never) == "the person's hand was not seen"
     hidden = _changed(partner, lambda r: _without(r, partner.contact_frame - 60, lambda name: True))
     assert why(hidden).startswith("the person's hand was hidden for ")
-    low = _changed(partner, _moved((0.0, 0.0, -0.6)))
+    low = _changed(partner, _moved((0.0, 0.0, -0.7)))  # of 0.78 m a rising hand was met
     assert why(low).startswith("the person's hand was not raised: it came up to ")
 
 

@@ -6,7 +6,7 @@ A long session keeps these of each high five, some 50 kB, and not every tick and
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -103,13 +103,14 @@ class ArmResults:
             self.whole[number] = trial
 
 
-def arm_summary(trials: Sequence[ArmFigures], retarget: Retarget) -> dict[str, Any]:
+def arm_summary(trials: Sequence[ArmFigures], retarget: Retarget, stricter: Sequence[str] = ()) -> dict[str, Any]:
     """The figures of the arm in a session: numbers, strings, lists and objects of them; what is not known is None.
 
     ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
     contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them;
     those that were ``broken_off`` by a stop are counted and not in them. ``lag_ms`` is by how much ``retarget`` planned
-    ahead of time, ``lag_from`` where that is from. ``closing_speed`` and ``face_speed`` are the largest near hand and
+    ahead of time, ``lag_from`` where that is from; ``stricter`` is what the operator made so, such as
+    ``contact.speed=0.5``. ``closing_speed`` and ``face_speed`` are the largest near hand and
     head, m/s, of what went on the ``wire`` and of the ``body``.
     """
     whole = [trial for trial in trials if not trial.broken_off]
@@ -127,7 +128,8 @@ def arm_summary(trials: Sequence[ArmFigures], retarget: Retarget) -> dict[str, A
         "time_error_ms": _extent([MS * abs(trial.met.late) for trial in touched]),
         "max_relative_speed": max((round(trial.met.speed, 3) for trial in trials if trial.met.touched), default=None),
         "missed": len(able) - len(touched),
-        "unreachable": [f"{trial.met.emotion} {trial.met.cell}".strip() for trial in whole if not trial.met.possible],
+        "missed_trials": _named(trial for trial in able if not trial.met.touched),
+        "unreachable": _named(trial for trial in whole if not trial.met.possible),
         "broken_off": len(trials) - len(whole),
         "lag_ms": round(MS * retarget.settings.lag, 2),
         "lag_from": retarget.lag_from,
@@ -142,10 +144,16 @@ def arm_summary(trials: Sequence[ArmFigures], retarget: Retarget) -> dict[str, A
         "face_speed": {which: _largest(speeds, f"{which}_face_speed") for which in ("wire", "body")},
         "largest_current_A": max((round(float(np.abs(t.currents).max()), 2) for t in trials), default=None),
         "unanswered": sum(trial.unanswered for trial in trials),
+        "stricter": list(stricter),
         "rules": dict(sum((trial.acted for trial in trials), Counter())),
         "stopped": next((trial.stopped for trial in trials if trial.stopped), ""),
         "rows": [_row(trial) for trial in trials],
     }
+
+
+def _named(trials: Iterable[ArmFigures]) -> list[str]:
+    """By style and cell, or else by number, from 1 as in the report's table."""
+    return [f"{trial.met.emotion} {trial.met.cell}".strip() or f"high five {trial.number + 1}" for trial in trials]
 
 
 def _row(trial: ArmFigures) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import numpy as np
 from highfive.calibration.arm_file import ArmCalibration, load_arm
 from highfive.calibration.arm_latency import SERVO_LAG
 from highfive.hil.arm.arm_files import limits_of, rig_of
-from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm_model.arm_folder import ArmFolder, find_arm
 from highfive.hil.arm_model.corrections import Corrections
@@ -79,6 +79,8 @@ def trusted_calibration(options: ArmOptions, rig: Rig, now: datetime) -> ArmCali
     wrong = own.mismatches(fingerprint(rig, folder), system, now)
     if options.emulated:  # it stands in no room, and no tripod of it is moved
         wrong = own.mismatches(fingerprint(rig, folder), own.system, own.date)
+    elif own.system == VIRTUAL:
+        wrong = (f"calibration {own.path} was rehearsed with an emulated arm; measure this one", *wrong)
     if wrong:
         raise HighFiveError(wrong[0] + (f" (and {len(wrong) - 1} more)" if len(wrong) > 1 else ""))
     known_arm(folder, found)

@@ -91,7 +91,7 @@ class CameraFaults:
 
 
 class PlateCamera:
-    """Sees a hidden arm's plate; a :class:`highfive.hil.bench.frame_link.Camera`."""
+    """Sees a hidden arm's plate; a :class:`highfive.hil.trials.frame_link.Camera`."""
 
     def __init__(self, clock: Clock, truth: HiddenTruth, plant: ArmPlant, faults: CameraFaults) -> None:
         """From now on."""

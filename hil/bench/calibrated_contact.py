@@ -35,9 +35,7 @@ from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.live_people import System, frames_of, parts, people
-from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_extrinsics import ExtrinsicsOptions, checked_extrinsics, fitted, measured
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
@@ -50,8 +48,10 @@ from highfive.hil.sim.arm_plant import ArmPlant
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.hil.trials.live_partner import LiveTrial, live_source
 from highfive.hil.trials.partners import Partner
+from highfive.hil.trials.plate_wiring import camera_wiring
 from highfive.hil.trials.trial import run_trial
 from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.frames import MarkerFrame

@@ -25,17 +25,15 @@ from highfive.calibration.rigid_fit import rigid_fit
 from highfive.hil.arm.drawn_shape import drawn_shape
 from highfive.hil.arm.free_postures import free_postures
 from highfive.hil.arm.hidden_arm import COUNT, TEMPLATE, HiddenArm, HiddenTruth, drawn_truth
+from highfive.hil.arm.plate_errors import contact_postures, missed, true_plates
 from highfive.hil.arm_model.arm_folder import find_arm
-from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm, solve
+from highfive.hil.arm_model.servo_arm import DEFAULT_MOUNT, default_arm
 from highfive.hil.bench.calibrated_contact import bench_calibrated_contact
 from highfive.hil.bench.lag_error import lag_errors
 from highfive.hil.runtime.console import STDOUT, Bar
-from highfive.hil.sim.people.grid import GRID_Y, GRID_Z
 from highfive.model.geometry import rotations
 from highfive.model.geometry.rotations import Array
 
-CONTACTS, AHEAD_M, AROUND_M, TURNED = 60, 0.5, 0.05, np.radians(25.0)
-"""Postures in which plates are judged: number, distance before the avatar, and how far about each cell."""
 NOISE_M, LOST, STRAYS, STRAY_M = 0.0005, 0.03, 0.1, 0.03
 """Of a pose's markers: noise, share of those that are not seen, and of those astray, and how far."""
 BUMP_M, BUMP_RAD, SLIP_RAD = 0.003, np.radians(0.3), np.radians(0.5)
@@ -64,12 +62,7 @@ class _Bench:
         self.truth, self.contacts = truth, contacts
         self.shape = drawn_shape(default_arm(), TEMPLATE.markers)
         self._rng = np.random.default_rng((truth.seed, 3))
-        arm = HiddenArm(truth, 1)
-        found = []
-        for joints in contacts:
-            arm.stand(joints, np.zeros(len(joints)))
-            found.append(arm.plate()[0])
-        self.plates = np.array(found)
+        self.plates = true_plates(truth, contacts)
 
     def seen(self, postures: Array, truth: HiddenTruth | None = None, strays: float = 0.0) -> ArmPoses:
         """Postures (N, J), rad, as encoders and cameras have them."""
@@ -88,8 +81,7 @@ class _Bench:
 
     def missed(self, fit: ArmFit, plate: Plate) -> Array:
         """m, of the plate's middle at contact."""
-        _, places, axes = fit.predicted(self.contacts)
-        return np.linalg.norm(plate.at(places, axes)[0] - self.plates, axis=1)
+        return missed(fit, plate, self.contacts, self.plates)
 
     def fitted(self, poses: ArmPoses) -> Array:
         """m, with everything fitted."""
@@ -144,20 +136,6 @@ class _Bench:
             [look(self.truth) for _ in range(CHECKS)],
             {name: [look(change()) for _ in range(CHECKS)] for name, change in changes.items()},
         )
-
-
-def contact_postures(count: int = CONTACTS) -> Array:
-    """Postures (count, J), rad, in which palms meet on the grid."""
-    rng, arm, found = np.random.default_rng(5), default_arm(), []
-    while len(found) < count:
-        place = np.array([AHEAD_M, rng.choice(GRID_Y), rng.choice(GRID_Z)])
-        place += np.append(0.0, rng.uniform(-AROUND_M, AROUND_M, 2))
-        yaw, rise = rng.uniform(-TURNED, TURNED, 2)
-        normal = np.array([np.cos(yaw) * np.cos(rise), np.sin(yaw) * np.cos(rise), np.sin(rise)])
-        joints, left = solve(arm, place, normal, arm.ready)
-        if left < 0.002:
-            found.append(joints)
-    return np.array(found)
 
 
 def bench_calibration(options: CalibrationBenchOptions, bar: Bar) -> dict[str, Any]:

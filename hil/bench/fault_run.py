@@ -34,7 +34,6 @@ from highfive.hil.bench.fault_schedule import (
 )  # fmt: skip
 from highfive.hil.bench.fault_times import DRIVERLESS, judge_times
 from highfive.hil.bench.faulty_camera import FaultyCamera
-from highfive.hil.bench.frame_link import FrameLink
 from highfive.hil.bench.laws import Laws
 from highfive.hil.bench.live_people import here, parts
 from highfive.hil.bench.motion_laws import judge_body_motion
@@ -50,6 +49,7 @@ from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.safety.states import HALTED
 from highfive.hil.session.session import RATE_HZ, Session, TickInput
+from highfive.hil.trials.frame_link import FrameLink
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.live_settings import LiveSettings
 from highfive.hil.trials.partners import Partner

@@ -21,7 +21,7 @@ _STARTED_NS = 1_000_000_000_000  # the source's own clock, as the camera begins
 
 
 class FaultyCamera:
-    """Takes pictures; a :class:`highfive.hil.bench.frame_link.Camera`.
+    """Takes pictures; a :class:`highfive.hil.trials.frame_link.Camera`.
 
     Attributes:
         contact_ns: of the clock, when the palms met originally; None before the person has begun.

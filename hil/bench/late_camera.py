@@ -20,7 +20,7 @@ WAND = "wand"
 
 
 class LateCamera:
-    """A :class:`highfive.hil.bench.frame_link.Camera`. Its task begins with it, and ends with the clock."""
+    """A :class:`highfive.hil.trials.frame_link.Camera`. Its task begins with it, and ends with the clock."""
 
     def __init__(
         self,

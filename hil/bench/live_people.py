@@ -19,7 +19,6 @@ from highfive.calibration.placement import Placement
 from highfive.hil.arm.arm_trial import ArmWatch
 from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.bench.clocked_twin import clocked_loop
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.virtual_play import default_planner
 from highfive.hil.runtime.console import Bar
 from highfive.hil.runtime.threads import parallel_map
@@ -31,6 +30,7 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.sim.scene import Scene, build_scene
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner, simulated_partner

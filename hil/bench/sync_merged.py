@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.live_people import BEFORE_S, System, frames_of
 from highfive.hil.bench.sync_hosts import S
 from highfive.hil.runtime.virtual_clock import VirtualClock
@@ -17,6 +16,7 @@ from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.session.session_streams import SessionStreams
 from highfive.hil.session.sync_events import Happened, SyncEvent
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import LiveWiring
 from highfive.hil.trials.partners import Partner

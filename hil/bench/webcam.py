@@ -17,7 +17,6 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from highfive.calibration.placement import Placement, place_before_camera
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.live_people import parts
 from highfive.hil.bench.webcam_recorded import STEP, RecordedClip, load_clips
 from highfive.hil.runtime.console import Bar
@@ -27,6 +26,7 @@ from highfive.hil.session.reach_settings import SEEN_LATE
 from highfive.hil.session.session import RATE_HZ, Session, TickInput
 from highfive.hil.sim.contact_check import ON_THE_PALM
 from highfive.hil.sim.playout import KinematicPlayOut
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.hil.trials.key_frames import contact_tick
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner

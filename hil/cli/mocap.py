@@ -161,6 +161,14 @@ def calibrate_headset(
     print_result(result, json, print_headset)
 
 
+_CalibratedPort = Annotated[
+    str,
+    typer.Argument(
+        metavar="PORT",
+        help="Serial port of the arm (highfive rig scan); virtual: a rehearsal, with an arm that differs from its "
+        "drawing as --seed says.",
+    ),
+]
 _Calibrated = Annotated[
     Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
 ]
@@ -168,9 +176,13 @@ _Calibrated = Annotated[
 
 @calibrate.command("extrinsics", cls=ArmCommand)
 def calibrate_extrinsics(
-    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm (highfive rig scan).")],
-    source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
-    plate: Annotated[Path, typer.Option(metavar="FILE.toml", help="The plate's template (docs/calibration.md).")],
+    port: _CalibratedPort,
+    source: Annotated[
+        str | None, typer.Option(help="The motion capture system: vicon://host, qtm://host, …; none to rehearse.")
+    ] = None,
+    plate: Annotated[
+        Path | None, typer.Option(metavar="FILE.toml", help="The plate's template (docs/calibration.md).")
+    ] = None,
     arm: Armed = False,
     which_arm: WhichArm = None,
     rig_file: cli_rig.ThatArm = None,
@@ -203,8 +215,10 @@ def calibrate_extrinsics(
 
 @calibrate.command("servos", cls=ArmCommand)
 def calibrate_servos(
-    port: Annotated[str, typer.Argument(metavar="PORT", help="Serial port of the arm (highfive rig scan).")],
-    source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
+    port: _CalibratedPort,
+    source: Annotated[
+        str | None, typer.Option(help="The motion capture system: vicon://host, qtm://host, …; none to rehearse.")
+    ] = None,
     arm: Armed = False,
     which_arm: WhichArm = None,
     calibration: _Calibrated = None,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
@@ -12,23 +11,24 @@ from typing import Any
 import numpy as np
 
 from highfive.calibration.arm_file import load_arm, save_arm
-from highfive.calibration.arm_fit import check_fit, fit_arm
+from highfive.calibration.arm_fit import ArmFit, check_fit, fit_arm
 from highfive.calibration.arm_kinematics import ArmShape
 from highfive.calibration.arm_observability import check_excitation, not_observed
-from highfive.calibration.arm_plate import check_loose, held_out, plate_of_fit
+from highfive.calibration.arm_plate import Plate, check_loose, held_out, plate_of_fit
 from highfive.calibration.arm_result import Source, calibration_of
 from highfive.calibration.kept_servos import LAGS, SEEN, SERVOS, KeptServos, kept_servos, with_servos, without_play
 from highfive.calibration.plate_template import PlateTemplate, load_template
 from highfive.calibration.pose_choice import choose_poses
 from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
 from highfive.calibration.registration import REGISTRATION
-from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.calibrated import calibration_troubles
 from highfive.hil.arm.drawn_shape import drawn_shape
-from highfive.hil.arm.driven_arm import driven_arm
 from highfive.hil.arm.extrinsics import check_directions, take_poses
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import check_way, free_postures
+from highfive.hil.arm.hidden_arm import TEMPLATE, drawn_truth
+from highfive.hil.arm.plate_errors import contact_postures, missed, true_plates
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
 from highfive.hil.arm.posture_route import route
@@ -39,15 +39,14 @@ from highfive.hil.commands.calibration_checks import (
     check_in_a_room,
     check_system,
     kept_where_refused,
+    rehearsed,
 )
+from highfive.hil.commands.calibration_room import calibration_room
+from highfive.hil.commands.rig.rehearsal import differences, hidden_lines
 from highfive.hil.drivers.bus.rig import Rig
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import check_toml
-from highfive.hil.trials.live_partner import live_source
-from highfive.hil.trials.live_wiring import MACHINE_WIRING
 from highfive.hil.trials.summary import versions
-from highfive.mocap_bridge.files.recording import EVERYBODY
-from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -62,18 +61,18 @@ class ExtrinsicsOptions:
 
     Attributes:
         arm: which arm; it moves slowly.
-        source: the motion capture's address.
-        plate: file of the plate's template.
+        source: the motion capture's address; None to rehearse.
+        plate: file of the plate's template; None to rehearse.
         poses: number of postures.
-        seed: of the postures.
+        seed: of the postures, and of an arm that rehearses.
         note: of the operator, for the file.
         out: the calibration.
         overwrite: replace it if it is there.
     """
 
     arm: ArmOptions
-    source: str
-    plate: Path
+    source: str | None
+    plate: Path | None
     poses: int = 30
     seed: int = 0
     note: str = ""
@@ -83,11 +82,12 @@ class ExtrinsicsOptions:
 
 @dataclass(frozen=True)
 class Calibrated:
-    """What a run works on, before anything moves."""
+    """What a run works on, before anything moves; ``system`` sees the plate, :data:`VIRTUAL` in a rehearsal."""
 
     options: ExtrinsicsOptions
     rig: Rig
     template: PlateTemplate
+    system: str
 
     @cached_property
     def body(self) -> ServoArm:
@@ -114,7 +114,7 @@ class Calibrated:
             before = load_arm(out)
         except HighFiveError as error:
             return KeptServos(dropped={f"{SERVOS} or {LAGS}": str(error)})
-        return kept_servos(before, self.arm, parse_address(self.options.source).scheme, datetime.now(UTC))
+        return kept_servos(before, self.arm, self.system, datetime.now(UTC))
 
     @property
     def half_done(self) -> Path:
@@ -129,17 +129,22 @@ def checked_extrinsics(options: ExtrinsicsOptions) -> Calibrated:
     Raises:
         HighFiveError: something cannot be used; one line says what.
     """
-    check_system(options.source)
+    rehearsal = rehearsed(options.arm, options.source)
+    system = VIRTUAL if rehearsal else check_system(options.source)
+    if rehearsal and options.plate is not None:
+        raise HighFiveError("--plate: a rehearsal has a plate of its own; leave it out")
+    if not rehearsal and options.plate is None:
+        raise HighFiveError("--plate: which file has the plate's template? (docs/calibration.md)")
     if not FEWEST <= options.poses <= MOST:
         raise HighFiveError(f"--poses {options.poses}; expected {FEWEST} to {MOST}, 30 are good")
     check_toml(options.out, "a calibration", options.overwrite)
     options = replace(options, arm=replace(options.arm, as_drawn=True))
-    template = load_template(options.plate)
-    return Calibrated(options, check_options(options.arm)[1], template)
+    template = TEMPLATE if options.plate is None else load_template(options.plate)
+    return Calibrated(options, check_options(options.arm)[1], template, system)
 
 
 def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]:
-    """Moves a real arm to postures that tell most of it, watches its plate, fits, and writes the calibration.
+    """Moves an arm to postures that tell most of it, watches its plate, fits, and writes the calibration.
 
     Returns:
         The summary.
@@ -148,15 +153,14 @@ def calibrate_extrinsics(options: ExtrinsicsOptions, bar: Bar) -> dict[str, Any]
         HighFiveError: something cannot be used, the arm was stopped, or nothing should rest on what was found.
     """
     run = checked_extrinsics(options)
-    check_in_a_room(options.arm)
+    if run.system != VIRTUAL:
+        check_in_a_room(options.arm)
     for line in not_kept(run):
         say_aside(line)
     with kept_where_refused(run.half_done):
-        with closing(live_source(options.source, EVERYBODY)) as source:
-            source.first()
-            watch = PlateWatch(source, run.template, MACHINE_WIRING.clock)
-            with driven_arm(run.options.arm, run.body, watch.in_the_way) as drive:
-                poses = measured(run, drive, watch, bar)
+        here = calibration_room(run.options.arm, options.source, run.template, options.seed)
+        with here as room, room.driven(run.body) as drive:
+            poses = measured(run, drive, room.watch, bar)
         return fitted(run, poses, drive.moving_s)
 
 
@@ -164,10 +168,11 @@ def not_kept(run: Calibrated) -> list[str]:
     """What of the calibration that is replaced will not be in the new one, and what measures it again: a line each."""
     options, port, out = run.options, run.options.arm.port, str(run.options.out)
     same = ("--calibration", out, "--out", out, "--overwrite")
+    seen = () if options.source is None else ("--source", options.source)
     again = {
-        SERVOS: run.rig.calibrate("servos", port, "--source", options.source, *same),
+        SERVOS: run.rig.calibrate("servos", port, *seen, *same),
         LAGS: run.rig.calibrate("latency", port, *same),
-        SEEN: run.rig.calibrate("latency", port, "--source", options.source, *same),
+        SEEN: run.rig.calibrate("latency", port, *seen, *same),
     }
     lines = []
     for what, why in run.kept.dropped.items():
@@ -225,7 +230,7 @@ def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str
     mount = run.body.mount
     source = Source(
         arm=run.arm,
-        system=parse_address(options.source).scheme,
+        system=run.system,
         date=datetime.now(UTC),
         tool=str(versions()["high-five"]),
         command="highfive calibrate extrinsics",
@@ -260,6 +265,21 @@ def fitted(run: Calibrated, taken: list[TakenPose], moving_s: float) -> dict[str
             if day is not None
         },
         "not_kept": not_kept(run),
+        "rehearsal": _judged(run, fit, plate) if run.system == VIRTUAL else None,
+    }
+
+
+def _judged(run: Calibrated, fit: ArmFit, plate: Plate) -> dict[str, Any]:
+    """What nobody knows of a real arm: by what it differs from its drawing, and how far off its plate is at contact."""
+    truth, contacts = drawn_truth(run.options.seed), contact_postures()
+    off = 1e3 * missed(fit, plate, contacts, true_plates(truth, contacts))
+    return {
+        "hidden": differences(truth),
+        "truly_off_mm": {
+            "median": round(float(np.median(off)), 2),
+            "p95": round(float(np.percentile(off, 95)), 2),
+            "max": round(float(off.max()), 2),
+        },
     }
 
 
@@ -271,6 +291,13 @@ def print_extrinsics(summary: dict[str, Any]) -> None:
         f"The plate, in poses held out of the fit: {off['median']:.1f} mm (median), {off['p95']:.1f} (95 %), "
         f"{off['max']:.1f} (largest)."
     )
+    if (rehearsal := summary["rehearsal"]) is not None:
+        truly = rehearsal["truly_off_mm"]
+        print(
+            f"A rehearsal: where palms meet the plate is really {truly['median']:.1f} mm off (median), "
+            f"{truly['p95']:.1f} (95 %), {truly['max']:.1f} (largest)."
+        )
+        print(*hidden_lines(rehearsal["hidden"]), sep="\n")
     print(f"Residuals {summary['residual_mm']:.1f} mm; {summary['strays']} markers were astray.")
     print(f"Not told by these poses, and left as drawn: {len(summary['not_observed'])} numbers (--json names them).")
     for what, day in summary["kept"].items():

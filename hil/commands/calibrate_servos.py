@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from contextlib import closing
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -20,10 +19,9 @@ from highfive.calibration.arm_kinematics import ArmShape
 from highfive.calibration.pose_file import TakenPose, load_poses, save_poses, together
 from highfive.calibration.servo_fit import ServoFit, fit_servos
 from highfive.hil.arm.arm_files import limits_of, rig_of
-from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.calibrated import calibration_file, known_arm, known_limits, known_rig
 from highfive.hil.arm.drawn_shape import drawn_shape
-from highfive.hil.arm.driven_arm import driven_arm
 from highfive.hil.arm.extrinsics import check_directions
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.free_postures import check_way
@@ -39,18 +37,16 @@ from highfive.hil.commands.calibration_checks import (
     check_in_a_room,
     check_system,
     kept_where_refused,
+    rehearsed,
 )
+from highfive.hil.commands.calibration_room import calibration_room
 from highfive.hil.drivers.bus.rig import COUNTS, Rig
 from highfive.hil.drivers.bus.rig_setup import shadow_counts
-from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
+from highfive.hil.drivers.bus.serial_line import Wiring
 from highfive.hil.drivers.bus.servo_bus import ServoBus
 from highfive.hil.drivers.bus.servo_port import PATIENCE_MS
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import check_toml
-from highfive.hil.trials.live_partner import live_source
-from highfive.hil.trials.live_wiring import MACHINE_WIRING as LIVE_WIRING
-from highfive.mocap_bridge.files.recording import EVERYBODY
-from highfive.mocap_bridge.sources.address import parse_address
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -66,15 +62,15 @@ class ServoOptions:
 
     Attributes:
         arm: which arm, with its calibration; it moves slowly.
-        source: the motion capture's address.
+        source: the motion capture's address; None to rehearse.
         pairs: number of postures, each of which is taken from both sides.
-        seed: of the postures.
+        seed: of the postures, and of an arm that rehearses.
         out: the calibration with the servos in it.
         overwrite: replace it if it is there.
     """
 
     arm: ArmOptions
-    source: str
+    source: str | None
     pairs: int = 12
     seed: int = 0
     out: Path = Path("arm.toml")
@@ -130,7 +126,7 @@ def checked_servos(options: ServoOptions) -> KnownServos:
     Raises:
         HighFiveError: something cannot be used; one line says what.
     """
-    check_system(options.source)
+    system = VIRTUAL if rehearsed(options.arm, options.source) else check_system(options.source)
     if not FEWEST <= options.pairs <= MOST:
         raise HighFiveError(f"--pairs {options.pairs}; expected {FEWEST} to {MOST}, 12 are good")
     check_toml(options.out, "a calibration", options.overwrite)
@@ -141,13 +137,13 @@ def checked_servos(options: ServoOptions) -> KnownServos:
             "with --calibration FILE.toml"
         )
     found = load_arm(file)
-    if (system := parse_address(options.source).scheme) != found.registration.system:
+    if system != found.registration.system:
         raise HighFiveError(f"--source is a {system} system; {file} is of a {found.registration.system} system")
     return KnownServos(options, rig, found, known_arm(find_arm(options.arm.arm), found))
 
 
 def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[str, Any]:
-    """Moves a real arm to postures from both sides, fits its servos, and writes what is new once that is agreed to.
+    """Moves an arm to postures from both sides, fits its servos, and writes what is new once that is agreed to.
 
     Returns:
         The summary; ``written`` says whether it was.
@@ -156,18 +152,17 @@ def calibrate_servos(options: ServoOptions, bar: Bar, agreed: Agreed) -> dict[st
         HighFiveError: something cannot be used, the arm was stopped, or nothing should rest on what was found.
     """
     run = checked_servos(options)
-    check_in_a_room(options.arm)
+    if run.found.registration.system != VIRTUAL:
+        check_in_a_room(options.arm)
     with kept_where_refused(run.half_done):
-        with closing(live_source(options.source, EVERYBODY)) as source:
-            source.first()
-            watch = PlateWatch(source, plate_of(run.found), LIVE_WIRING.clock)
-            shadows = shadows_of(run, options.arm.port)
-            with driven_arm(options.arm, run.body, watch.in_the_way) as drive:
-                seen = seen_servos(run, drive, watch, shadows, bar)
+        with calibration_room(options.arm, options.source, plate_of(run.found), options.seed) as room:
+            shadows = shadows_of(run, room.port, room.wiring)
+            with room.driven(run.body) as drive:
+                seen = seen_servos(run, drive, room.watch, shadows, bar)
         return written_servos(run, seen, agreed)
 
 
-def shadows_of(run: KnownServos, port: str, wiring: Wiring = MACHINE_WIRING) -> dict[str, int]:
+def shadows_of(run: KnownServos, port: str, wiring: Wiring) -> dict[str, int]:
     """Counts by which second servos say less than their firsts, torque off, by joint.
 
     Raises:

@@ -6,19 +6,23 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from highfive.hil.arm.arm_options import ArmOptions
+from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
+from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
 from highfive.mocap_bridge.sources.address import WEBCAM, is_live, parse_address
 from highfive.model.errors import HighFiveError
 
 
-def check_system(source: str) -> None:
-    """That it is a motion capture system's address.
+def check_system(source: str | None) -> str:
+    """The scheme of a motion capture system's address.
 
     Raises:
-        HighFiveError: it is a file, a headset or a webcam, or no address.
+        HighFiveError: there is none, it is a file, a headset or a webcam, or no address.
     """
-    if not is_live(source) or parse_address(source).scheme in ("headset", WEBCAM):
+    if source is None:
+        raise HighFiveError("which motion capture system sees the arm's plate? give --source, such as vicon://host")
+    if not is_live(source) or (scheme := parse_address(source).scheme) in ("headset", WEBCAM):
         raise HighFiveError(f"--source {source}: expected a motion capture system, such as vicon://host")
+    return scheme
 
 
 def check_in_a_room(arm: ArmOptions) -> None:
@@ -28,7 +32,25 @@ def check_in_a_room(arm: ArmOptions) -> None:
         HighFiveError: it is emulated.
     """
     if arm.emulated:
-        raise HighFiveError(f"{arm.port}: an emulated arm stands in no room; give a serial port, and --arm")
+        raise HighFiveError(
+            f"{arm.port}: an emulated arm stands in no room; give a serial port, and --arm, or, to rehearse, {VIRTUAL} "
+            "without --source"
+        )
+
+
+def rehearsed(arm: ArmOptions, source: str | None) -> bool:
+    """Whether this rehearses: with an emulated arm that is not as drawn, in virtual time, seen by cameras of its own.
+
+    Raises:
+        HighFiveError: such an arm cannot be had.
+    """
+    if not arm.emulated or source is not None:
+        return False
+    if arm.port != VIRTUAL:
+        raise HighFiveError(f"{arm.port}: a calibration is rehearsed in virtual time; take {VIRTUAL} for the port")
+    if find_arm(arm.arm) != find_arm():
+        raise HighFiveError(f"{VIRTUAL}: only of {DEFAULT_ARM} is it known how it may differ from its drawing")
+    return True
 
 
 @contextmanager

@@ -108,11 +108,11 @@ def _print_arm(arm: dict[str, Any]) -> None:
     if late["median"] is not None:
         print(f"    off in time             {_spread(late, able - arm['missed'], 0, 'ms')}")
     print(f"    cycles of the bus       {arm['cycles']}, {arm['missed_cycles']} missed")
-    for label, key in (
-        ("no contact", "missed"),
-        ("broken off", "broken_off"),
-        ("unreachable", "unreachable"),
-        ("stopped", "stopped"),
+    for label, what in (
+        ("no contact", ", ".join(arm["missed_trials"])),
+        ("broken off", arm["broken_off"]),
+        ("not possible", ", ".join(arm["unreachable"])),  # out of reach, or known of too late
+        ("stopped", arm["stopped"]),
     ):
-        if arm[key]:
-            print(f"    {label + ':':<24}{arm[key] if isinstance(arm[key], int | str) else ', '.join(arm[key])}")
+        if what:
+            print(f"    {label + ':':<24}{what}")

@@ -233,7 +233,7 @@ def _report(
         figures = played.arm.figures
         assert options.arm is not None
         names = find_arm(options.arm.arm).names
-        arm, whole = arm_summary(figures, retarget), list(played.arm.whole.values())
+        arm, whole = arm_summary(figures, retarget, options.arm.lower), list(played.arm.whole.values())
         drawings = draw_arm(whole, retarget.settings.lag, figures, names)
     summary = summarise(
         played.results, settings, interrupted=played.interrupted, unrecorded=unrecorded, replayed=replayed, arm=arm,

@@ -155,6 +155,7 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
     met = summary["trials"] - impossible - summary["missed"] - broken_off
     lines = [
         f"The plate met the palm in {met} of {met + summary['missed']} trials in which it could."
+        + f" Not met: {', '.join(summary['missed_trials'])}." * (summary["missed"] > 0)
         + (
             f" {impossible} were out of reach, or known of too late: the table has them, these figures have not, "
             "whether the plate touched the palm or not."
@@ -180,6 +181,8 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
         f"{summary['lag_ms']:.1f} ms ({summary['lag_from']}). "
         f"Cycles in which a servo did not answer: {summary['unanswered']}."
     )
+    if summary["stricter"]:
+        lines.append(f"Limits of the safety envelope made stricter for this: {', '.join(summary['stricter'])}.")
     if summary["stopped"]:
         lines.append(f"The arm was stopped: {summary['stopped']}.")
     rules = [[name.replace("_", " "), str(ticks)] for name, ticks in sorted(summary["rules"].items())]

@@ -13,7 +13,7 @@ from typing import Any
 from highfive.hil.arm.arm_files import rig_file
 from highfive.hil.arm.lifecycle import PLANT
 from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, find_arm
-from highfive.hil.commands.rig.rehearsal import RehearsalOptions, differences, rehearsed_arm
+from highfive.hil.commands.rig.rehearsal import RehearsalOptions, differences, hidden_lines, rehearsed_arm
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.emulator import Emulator
 from highfive.hil.drivers.emulator.emulator_process import EmulatorOptions, make_bus
@@ -79,11 +79,7 @@ def print_emulated(result: dict[str, Any]) -> None:
     for name, count in sorted(result["instructions"].items(), key=lambda item: -item[1]):
         print(f"  {name:<22}{count}")
     if "hidden" in result:
-        hidden = result["hidden"]
-        zeros = ", ".join(f"{name} {zero:+.2f}" for name, zero in hidden["zero_deg"].items())
-        base, turn, plate = (" ".join(f"{x:+g}" for x in hidden[key]) for key in ("base_mm", "base_deg", "plate_mm"))
-        print(f"what was hidden, beside the drawing: base {base} mm, turned by {turn}°; plate {plate} mm")
-        print(f"  zeros, °: {zeros}")
+        print(*hidden_lines(result["hidden"]), sep="\n")
     for label, key in (
         ("damaged instructions", "damaged"),
         ("instructions into a reply", "collisions"),

@@ -122,7 +122,7 @@ def _play(options: PlayOptions, folder: Path, bar: Bar) -> dict[str, Any]:
             "remedy": end.remedy,
             "from": chosen[end.whole] if end.whole < len(chosen) else None,
         }
-        summary = {**said, **arm_summary(results.figures, retarget), **ended, "versions": versions()}
+        summary = {**said, **arm_summary(results.figures, retarget, options.arm.lower), **ended, "versions": versions()}
         _write_report(summary, results, retarget.settings.lag, options.arm, path, folder)
     return summary
 
@@ -285,10 +285,10 @@ def print_played(summary: dict[str, Any], folder: Path) -> None:
     if late["median"] is not None:
         print(f"  off in time        median {late['median']:.0f} ms, worst {late['max']:.0f} ms")
     if summary["missed"]:
-        print(f"  no contact         {summary['missed']}")
+        print(f"  no contact         {', '.join(summary['missed_trials'])}")
     if summary["broken_off"]:
         print(f"  broken off         {summary['broken_off']}")
     if summary["unreachable"]:
-        print(f"  out of reach       {', '.join(summary['unreachable'])}")
+        print(f"  not possible       {', '.join(summary['unreachable'])}")
     print(f"  cycles of the bus  {summary['cycles']}, {summary['missed_cycles']} missed")
     print(f"Open {folder / 'report.html'}")

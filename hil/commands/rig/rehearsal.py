@@ -96,3 +96,12 @@ def differences(truth: HiddenTruth) -> dict[str, Any]:
         "zero_deg": dict(zip(names, np.degrees(truth.zero).round(2).tolist(), strict=True)),
         "plate_mm": (1e3 * truth.plate).round(1).tolist(),
     }
+
+
+def hidden_lines(hidden: dict[str, Any]) -> list[str]:
+    """The same for people."""
+    base, turn, plate = (" ".join(f"{x:+g}" for x in hidden[key]) for key in ("base_mm", "base_deg", "plate_mm"))
+    return [
+        f"what was hidden, beside the drawing: base {base} mm, turned by {turn}°; plate {plate} mm",
+        f"  zeros, °: {', '.join(f'{name} {zero:+.2f}' for name, zero in hidden['zero_deg'].items())}",
+    ]

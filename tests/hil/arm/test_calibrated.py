@@ -209,6 +209,7 @@ REAL = ArmOptions("/dev/ttyUSB99", armed=True, person="vicon://host")
         (REAL, timedelta(), {"zero_rad": "2.0"}, "zero_rad"),
         (REAL, timedelta(), {"length_m": "[0.7, 0.0, 0.0]"}, "length_m"),
         (replace(REAL, person="", nobody_near=True), timedelta(days=40), {}, "days old"),
+        (replace(REAL, person="", nobody_near=True), timedelta(), {"system": '"virtual"'}, "was rehearsed"),
         (ArmOptions(), timedelta(), {"fingerprint": '"ffffffffffff"'}, "another arm"),
     ],
 )

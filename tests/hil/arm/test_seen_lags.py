@@ -26,7 +26,6 @@ from highfive.hil.arm.wand_lag import follow_wand
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.bench.late_camera import WAND, LateCamera
-from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_latency import LatencyOptions, calibrate_latency, plate_seen, seen_lags
 from highfive.hil.commands.live_session import late_by
 from highfive.hil.commands.simulate_options import SimulateOptions
@@ -34,6 +33,7 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
+from highfive.hil.trials.plate_wiring import camera_wiring
 from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.model.errors import HighFiveError
 

@@ -19,12 +19,12 @@ from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.session_check import five_poses, plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.session_check import check_before_session
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
+from highfive.hil.trials.plate_wiring import camera_wiring
 from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.model.errors import HighFiveError
 

@@ -22,21 +22,24 @@ from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
 from highfive.hil.arm.hidden_rig import CameraFaults, PlateCamera, hidden_bus
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive, way_seconds
+from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_extrinsics import (
     Calibrated,
     ExtrinsicsOptions,
+    calibrate_extrinsics,
     checked_extrinsics,
     fitted,
     measured,
     print_extrinsics,
 )
+from highfive.hil.commands.calibrate_servos import ServoOptions, calibrate_servos
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
+from highfive.hil.trials.plate_wiring import camera_wiring
 from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.model.errors import HighFiveError
 
@@ -201,6 +204,11 @@ def test_what_is_known_of_the_servos_is_kept_or_said_to_be_gone(
         ({"out": Path("arm.json")}, "write it as arm.toml"),
         ({"plate": Path("nowhere.toml")}, "cannot read the plate's template"),
         ({"arm": ArmOptions("/dev/ttyUSB99", slow=True)}, "only with --arm"),
+        ({"plate": None}, "--plate: which file"),
+        ({"source": None}, "--plate: a rehearsal has a plate of its own"),
+        ({"source": None, "arm": ArmOptions("emulated", slow=True)}, "take virtual for the port"),
+        ({"source": None, "arm": ArmOptions("virtual", slow=True, arm="koch_v1_1")}, "only of vx300s is it known"),
+        ({"source": None, "arm": ArmOptions("/dev/ttyUSB99", armed=True, slow=True)}, "give --source"),
     ],
 )
 def test_what_cannot_be_used_is_said_before_anything_is_opened(tmp_path: Path, changes: dict, says: str) -> None:
@@ -210,3 +218,24 @@ def test_what_cannot_be_used_is_said_before_anything_is_opened(tmp_path: Path, c
     with pytest.raises(HighFiveError) as error:
         checked_extrinsics(ExtrinsicsOptions(**given))
     assert says in str(error.value)
+
+
+@pytest.mark.slow(60)
+def test_a_rehearsal_needs_neither_arm_nor_motion_capture_and_is_nothing_for_a_real_arm(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "arm.toml"
+    found = calibrate_extrinsics(ExtrinsicsOptions(ARM, None, None, 10, seed=3, out=out), bar)
+    print_extrinsics(found)
+    # Who rehearses is told what nobody knows of a real arm, and that is near what poses held out of the fit say.
+    rehearsal = found["rehearsal"]
+    assert rehearsal["hidden"]["zero_deg"]["shoulder"] == pytest.approx(np.degrees(drawn_truth(3).zero[1]), abs=0.01)
+    assert rehearsal["truly_off_mm"]["p95"] < 4.0 and "where palms meet the plate is really" in capsys.readouterr().out
+
+    calibrated = replace(ARM, calibration=out)
+    servos = ServoOptions(calibrated, None, 6, seed=3, out=out, overwrite=True)
+    assert calibrate_servos(servos, bar, lambda lines: True)["written"]
+    assert load_arm(out).joints["elbow"].friction is not None
+    assert check_options(calibrated)[1].joints[2].astray != 0.0
+    with pytest.raises(HighFiveError, match="was rehearsed with an emulated arm"):
+        check_options(replace(calibrated, port="/dev/ttyUSB99", armed=True, nobody_near=True))

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from highfive.calibration.placement_file import load_placement
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.commands.calibrate_room import RoomOptions, calibrate_room
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.hil.trials.live_wiring import LiveWiring
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.model.errors import HighFiveError

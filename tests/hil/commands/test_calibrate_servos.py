@@ -25,7 +25,6 @@ from highfive.hil.arm.servo_poses import SWEEP_SPEED
 from highfive.hil.arm.session_check import plate_of
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import default_arm
-from highfive.hil.bench.plate_wiring import camera_wiring
 from highfive.hil.commands.calibrate_servos import (
     KnownServos,
     Seen,
@@ -43,6 +42,7 @@ from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
+from highfive.hil.trials.plate_wiring import camera_wiring
 from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.model.errors import HighFiveError
 

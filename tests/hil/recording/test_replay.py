@@ -11,7 +11,6 @@ from recorded_trials import record_trial
 from shipped import written
 from trial_results import some_results
 
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.bench.live_people import BEFORE_S, System, frames_of, here, parts, people
 from highfive.hil.commands.replay_session import replay_of
 from highfive.hil.commands.simulate_options import SimulateOptions
@@ -24,6 +23,7 @@ from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.session.session import UNSEEN_AT_REST, Session, Tick, TickInput
 from highfive.hil.sim.playout import KinematicPlayOut, PlayState
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner
 from highfive.hil.trials.summary import SessionSettings, versions

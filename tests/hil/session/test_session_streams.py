@@ -5,12 +5,12 @@ from contextlib import closing
 import numpy as np
 import pytest
 
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
 from highfive.hil.session.session_streams import PAGES, SessionStreams
 from highfive.hil.session.shown import Shown
 from highfive.hil.session.sync_events import Happened, SyncEvent
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.mocap_bridge.sources.stamp_clock import UNKNOWN_NS

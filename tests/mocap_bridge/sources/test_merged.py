@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from highfive.hil.bench.frame_link import FrameLink, SentFrames
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
+from highfive.hil.trials.frame_link import FrameLink, SentFrames
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.address import open_source, parse_address
 from highfive.mocap_bridge.sources.live import Link, LiveSource

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from highfive.hil.arm.hidden_rig import RATE_HZ, PlateCamera
-from highfive.hil.bench.frame_link import FrameLink
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.runtime.virtual_scheduler import VirtualScheduler
+from highfive.hil.trials.frame_link import FrameLink
 from highfive.hil.trials.live_wiring import LiveWiring
 
 

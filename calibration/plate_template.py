@@ -60,11 +60,11 @@ class PlateTemplate:
 
 def template_text(template: PlateTemplate) -> str:
     """Its file."""
-    markers = [f"{name} = {at.tolist()}" for name, at in zip(template.names, template.places, strict=True)]
+    markers = [f"{name} = {_metres(at)}" for name, at in zip(template.names, template.places, strict=True)]
     return "\n".join(
         [
             "[plate]",
-            f"centre_m = {template.centre.tolist()} # middle of the surface, from the last joint",
+            f"centre_m = {_metres(template.centre)} # middle of the surface, from the last joint",
             f"normal = {template.normal.tolist()}",
             "",
             "[markers] # from the middle of the surface, m",
@@ -72,6 +72,11 @@ def template_text(template: PlateTemplate) -> str:
             "",
         ]
     )
+
+
+def _metres(place: Array) -> list[float]:
+    """To a micrometre."""
+    return np.round(place, 6).tolist()
 
 
 def load_template(path: Path, settings: TemplateSettings = TEMPLATE) -> PlateTemplate:

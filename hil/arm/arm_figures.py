@@ -17,6 +17,7 @@ from highfive.hil.arm.arm_trial import MISSED, MS, ArmTrial, percentiles
 from highfive.hil.arm.contact_outcome import ContactOutcome
 from highfive.hil.arm.planner import Retarget
 from highfive.hil.safety.limits import Limits
+from highfive.hil.safety.rules import Rule
 from highfive.hil.safety.states import HALTED
 from highfive.hil.session.session import RATE_HZ
 from highfive.model.geometry.rotations import Array
@@ -56,6 +57,11 @@ class ArmFigures:
     speeds: dict[str, float]
     unanswered: int
     acted: Counter[str]
+
+    @property
+    def hand_lost(self) -> bool:
+        """The arm held, or went back, for the person was not seen any more; and palms did not meet."""
+        return not self.met.touched and bool({Rule.STALE_HOLD.value, Rule.STALE_RETRACT.value} & set(self.acted))
 
 
 def arm_figures(number: int, trial: ArmTrial, retarget: Retarget, limits: Limits, stopped: str = "") -> ArmFigures:
@@ -108,10 +114,10 @@ def arm_summary(trials: Sequence[ArmFigures], retarget: Retarget, stricter: Sequ
 
     ``error_mm`` is plate to palm where they touched, or at the nearest; ``time_error_ms`` later than the session's own
     contact. Trials that are not ``possible`` (out of reach, or known of too late) are listed and not in them;
-    those that were ``broken_off`` by a stop are counted and not in them. ``lag_ms`` is by how much ``retarget`` planned
-    ahead of time, ``lag_from`` where that is from; ``stricter`` is what the operator made so, such as
-    ``contact.speed=0.5``. ``closing_speed`` and ``face_speed`` are the largest near hand and
-    head, m/s, of what went on the ``wire`` and of the ``body``.
+    those that were ``broken_off`` by a stop are counted and not in them. In those of ``hand_lost`` the arm held, or
+    went back, for the person was not seen. ``lag_ms`` is by how much ``retarget`` planned ahead of time, ``lag_from``
+    where that is from; ``stricter`` is what the operator made so, such as ``contact.speed=0.5``. ``closing_speed`` and
+    ``face_speed`` are the largest near hand and head, m/s, of what went on the ``wire`` and of the ``body``.
     """
     whole = [trial for trial in trials if not trial.broken_off]
     able = [trial for trial in whole if trial.met.possible]
@@ -129,6 +135,7 @@ def arm_summary(trials: Sequence[ArmFigures], retarget: Retarget, stricter: Sequ
         "max_relative_speed": max((round(trial.met.speed, 3) for trial in trials if trial.met.touched), default=None),
         "missed": len(able) - len(touched),
         "missed_trials": _named(trial for trial in able if not trial.met.touched),
+        "hand_lost": _named(trial for trial in whole if trial.hand_lost),
         "unreachable": _named(trial for trial in whole if not trial.met.possible),
         "broken_off": len(trials) - len(whole),
         "lag_ms": round(MS * retarget.settings.lag, 2),

@@ -110,6 +110,10 @@ def simulate(
         Path | None, typer.Option(metavar="DIR", help="Data folder that a model of your own learns from.")
     ] = None,
     seed: Seed = 0,
+    lost: Annotated[
+        float | None,
+        typer.Option(min=0.0, metavar="SECONDS", help="So long before palms would meet the person is lost from view."),
+    ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/session-1, -2, …).")] = None,
     physics: Annotated[
         bool, typer.Option("--physics", help="Drive the avatar by actuators, with contact forces.")
@@ -186,6 +190,7 @@ def simulate(
         model=which_model(model),
         data=data,
         seed=seed,
+        lost=lost,
         physics=physics,
         correct=not no_correction,
         pictures=not no_pictures,

@@ -28,7 +28,10 @@ RigFile = Annotated[Path | None, typer.Option("--rig", metavar="FILE.toml", help
 ThatArm = Annotated[Path | None, typer.Option(metavar="FILE.toml", help="That arm (default: ours).")]
 """Beside a port that is told otherwise."""
 Port = Annotated[str, typer.Argument(metavar="PORT", help="Serial port, such as /dev/ttyUSB0 (highfive rig scan).")]
-Lower = Annotated[list[str] | None, typer.Option(help="A lower limit, such as contact.speed=0.5 (docs/safety.md).")]
+Lower = Annotated[
+    list[str] | None,
+    typer.Option(help="A stricter limit, such as contact.speed=0.5 or face.radius=0.4 (docs/safety.md)."),
+]
 LimitsFile = Annotated[
     Path | None, typer.Option(metavar="FILE.toml", help="All limits, safer ones than ours (docs/safety.md).")
 ]

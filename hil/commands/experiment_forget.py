@@ -41,7 +41,10 @@ def print_forgotten(result: dict[str, Any]) -> None:
     if result["picture"]:
         say(result["picture"])
     if result["shown_to"]:
-        say(f"Remains: her trials are in the files of {', '.join(result['shown_to'])}, to whom they are shown")
+        say(
+            f"Remains: her trials are in the files of {', '.join(result['shown_to'])}, to whom they are shown: plans, "
+            "logs and recordings of what these saw; forget them, too, or keep them as your consent form says"
+        )
     if result["mentioned"]:
         say(f"Remains: the code stands in {', '.join(result['mentioned'])}; make results there again")
     if result["beside"]:

@@ -111,7 +111,8 @@ def _print_arm(arm: dict[str, Any]) -> None:
     for label, what in (
         ("no contact", ", ".join(arm["missed_trials"])),
         ("broken off", arm["broken_off"]),
-        ("not possible", ", ".join(arm["unreachable"])),  # out of reach, or known of too late
+        ("hand lost", ", ".join(arm["hand_lost"])),
+        ("not possible", ", ".join(name for name in arm["unreachable"] if name not in arm["hand_lost"])),
         ("stopped", arm["stopped"]),
     ):
         if what:

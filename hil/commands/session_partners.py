@@ -31,6 +31,16 @@ def partners_of(
     Raises:
         HighFiveError: the options name something that there is not, or that does not fit.
     """
+    if options.lost is None:
+        return _partners(options, model, bar, person)
+    if person is not None:
+        raise HighFiveError("--lost goes with a simulated or recorded person; of a live one pull the cable")
+    return [partner.lost(options.lost) for partner in _partners(options, model, bar, person)]
+
+
+def _partners(
+    options: SimulateOptions, model: HGPDM | ReactionModel, bar: Bar, person: LivePerson | None
+) -> list[Partner]:
     emotions = options.emotions or (_leading(options.style),) if options.style else options.emotions or model.emotions
     for emotion in (*emotions, *(options.style or {})):
         if emotion not in model.emotions:

@@ -66,6 +66,7 @@ class SimulateOptions:
         model: the model's file, or the name of a model of one's own.
         data: folder that such a model learns from.
         seed: seed of the simulated people.
+        lost: s before palms would meet, from which on nothing is seen of the person; None for never.
         physics: drive the avatar by actuators against contact forces.
         correct: correct the palm.
         pictures: draw the film and the pictures.
@@ -93,6 +94,7 @@ class SimulateOptions:
     model: Path | str = DEFAULT_MODEL
     data: Path | None = None
     seed: int = 0
+    lost: float | None = None
     physics: bool = False
     correct: bool = True
     pictures: bool = True

@@ -284,6 +284,10 @@ def _adaptation_lines(result: dict[str, Any]) -> list[str]:
         if name in moved["left_out"]
         for before, after in [moved["left_out"][name]]
     ]
+    names = {"pose": "pose", "forecast": "contact forecast", "arm": "the whole arm's forecast"}
+    if moved["kept"]:
+        kept = ", ".join(names[name] for name in moved["kept"])
+        lines.append(f"left as it was, since trials left out are answered no better for its moving: {kept}")
     said = [f"RMS error of trials left out, before → after: {', '.join(parts)}"] if parts else []
     return [*lines, *said, _advice(result)]
 

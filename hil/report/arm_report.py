@@ -157,8 +157,8 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
         f"The plate met the palm in {met} of {met + summary['missed']} trials in which it could."
         + f" Not met: {', '.join(summary['missed_trials'])}." * (summary["missed"] > 0)
         + (
-            f" {impossible} were out of reach, or known of too late: the table has them, these figures have not, "
-            "whether the plate touched the palm or not."
+            f" {impossible} were out of reach, lost from view, or known of too late: the table has them, these figures "
+            "have not, whether the plate touched the palm or not."
         )
         * (impossible > 0)
         + (f" {broken_off} broken off before the palms met, and not in the figures of how they met." * (broken_off > 0))
@@ -180,6 +180,17 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
         f"{_known(summary['step_ms']['p50'], 'ms')} (medians). It planned ahead by the servos' lag, "
         f"{summary['lag_ms']:.1f} ms ({summary['lag_from']}). "
         f"Cycles in which a servo did not answer: {summary['unanswered']}."
+    )
+    if summary["hand_lost"]:
+        lines.append(
+            "The person was not seen any more, and the arm held where it was and went back, in "
+            f"{', '.join(summary['hand_lost'])}."
+        )
+    closing, face = summary["closing_speed"], summary["face_speed"]
+    lines.append(
+        "Largest speed towards the hand near it, and near the head: "
+        f"{_known(closing['wire'], 'm/s')} and {_known(face['wire'], 'm/s')} of what was commanded, "
+        f"{_known(closing['body'], 'm/s')} and {_known(face['body'], 'm/s')} of the arm itself."
     )
     if summary["stricter"]:
         lines.append(f"Limits of the safety envelope made stricter for this: {', '.join(summary['stricter'])}.")

@@ -166,7 +166,7 @@ def _badges(summary: dict[str, Any]) -> str:
         far = [row for row in rows if (row["uncorrected_error_mm"] or 0.0) > FAR_OFF_MM]
         met = sum(row["met"] for row in far)
         where = "" if met == len(rows) else f" in {met} of {len(rows)}"
-        badges.append((f"the correction did all of it{where}" if met else "the model was far from the hand", True))
+        badges.append((f"the correction did all of it{where}" if met else "palms far apart", True))
     if not summary["corrected"]:
         badges.append(("contact correction off", True))
     if summary["interrupted"]:

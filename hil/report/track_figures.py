@@ -134,7 +134,7 @@ def joint_angles(track: TrackedRecording) -> Drawing | None:
     panels[3].set_xlabel("time, s")
     panels[7].set_xlabel("time, s")
     figure.align_ylabels()
-    shaded = " Where it is shaded, a marker that the arm rests on was hidden." if blind else ""
+    shaded = " Where it is shaded, a marker that the arm rests on was hidden, or not believed." if blind else ""
     caption = (
         "Angles of the right arm after the recommendation of the International Society of Biomechanics "
         "(Wu et al. 2005), with bands of two standard deviations as the tracker gives them. Elevation 0° is hanging; "

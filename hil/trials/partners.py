@@ -63,6 +63,25 @@ class Partner:
         """The same person, to be answered in another emotion."""
         return replace(self, emotion=emotion)
 
+    def lost(self, seconds: float) -> Partner:
+        """The same person, of whom nothing is seen any more from so many s before the palms met originally.
+
+        Raises:
+            HighFiveError: it is not known when they met.
+        """
+        if self.contact_frame < 0:
+            raise HighFiveError(f"--lost: it is not known when palms met in {self.title}; leave it out")
+        start = max(0, self.contact_frame - round(seconds * self.recording.rate_hz))
+        seen = np.arange(len(self.recording)) < start
+        recording = replace(
+            self.recording,
+            points=np.where(seen[:, None, None], self.recording.points, 0.0),
+            valid=self.recording.valid & seen[:, None],
+            unlabelled=np.where(seen[:, None, None], self.recording.unlabelled, 0.0),
+            unlabelled_valid=self.recording.unlabelled_valid & seen[:, None],
+        )
+        return replace(self, recording=recording)
+
     def frames(self) -> C3DSource:
         """The person's markers frame by frame, at the session's rate; iterate over it."""
         return C3DSource(self.recording, RATE_HZ)

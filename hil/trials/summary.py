@@ -199,17 +199,18 @@ def _warnings(results: Sequence[TrialResult], corrected: bool) -> list[str]:
     met = sum(result.contact.met for result in far)
     if len(known) == 1:
         off = f"{before[0]:.0f} mm off at the nearest"
-        said = f"Before correction the avatar's palm was {off}: the model was far from this hand"
+        said, far_from = f"Before correction the avatar's palm was {off}", "the model was far from this hand"
     else:
         said = (
             f"Before correction the avatar's palm was over {FAR_OFF_MM:.0f} mm off at the nearest in {len(far)} of "
-            f"{len(known)} trials (median of all {np.median(before):.0f} mm, largest {max(before):.0f}): there the "
-            "model was far from the hand"
+            f"{len(known)} trials (median of all {np.median(before):.0f} mm, largest {max(before):.0f})"
         )
-    if not met:
-        return [f"{said}, and the palms did not meet."]
+        far_from = "there the model was far from the hand"
+    if not met:  # each of them says why: the hand may have been hidden
+        return [f"{said}, and the palms did not meet{'' if len(known) == 1 else ' there'}."]
     where = "" if met == len(far) else f" in the {met} of them in which the palms met"
-    return [f"{said}; the contact correction did all of it{where}. How near the palms came says nothing of the model."]
+    all_of_it = f"the contact correction did all of it{where}. How near the palms came says nothing of the model."
+    return [f"{said}: {far_from}; {all_of_it}"]
 
 
 def _ratio(change: float, largest: float) -> float:

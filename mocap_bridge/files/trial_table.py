@@ -132,7 +132,8 @@ def with_held_out(rows: Sequence[TrialRow], say: Say) -> list[TrialRow]:
         decided[-1] = replace(decided[-1], test=True)
     held = sum(row.test for row in decided)
     say(
-        f"{TABLE} holds out no trial: {held} of {len(rows)} are, every {HOLD_OUT}th; split train or test says otherwise"
+        f"{TABLE} holds out no trial, and scoring needs some: {held} of {len(rows)} are, every {HOLD_OUT}th; split "
+        "test says which"
     )
     return decided
 

@@ -8,7 +8,8 @@ Hyperparameters and back projections are the trained model's. What moves, in thi
   trained posterior, to the power of a share, is the prior of the new points (model/gp/streaming.py);
 - how sure the model is: the channels' noise, and the contact layer's calibration, by trials left out in turn.
 
-The shares are chosen by those trials, too. Nothing is optimised step by step: it takes seconds.
+The shares are chosen by those trials, too; what answers them no better for having moved stays as it was. Nothing is
+optimised step by step: it takes seconds.
 """
 
 from __future__ import annotations
@@ -30,6 +31,8 @@ from highfive.model.hgpdm.contact_layer import ArmContactLayer, ContactLayer, po
 from highfive.model.hgpdm.contact_places import contact_places
 from highfive.model.hgpdm.contact_training import approaches, calibration, knuckle_speed, precision
 from highfive.model.hgpdm.dataset import hand_history, training_set
+from highfive.model.hgpdm.pose_ensemble import HIERARCHY
+from highfive.model.hgpdm.pose_ensemble_training import direct_answers
 from highfive.model.hgpdm.tempo import tempo_history
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
@@ -52,6 +55,8 @@ class AdaptationSettings(Settings):
     """The same of the contact layer's, of which there are thrice as many a second."""
     gain: float = setting(1.0, above=0.0)
     """Deviation of a joint's gain from 1 that is expected beforehand."""
+    worth: float = setting(0.02, above=0.0, most=1.0)
+    """Share of the error of trials left out that a part has to lose by moving: else it stays as it was."""
     inducing: int = setting(60, least=0)
     """Points of each layer that become inducing inputs, too."""
     folds: int = setting(5, least=2)
@@ -75,7 +80,9 @@ class Adaptation:
         pose: rad, generated joint channels, the body's move included.
         palm: m, of each style, the palm as generated directly.
         contact_point, time: m and s, the forecast's mean move; 0 where the model has no contact layer.
-        left_out: error of each of these at trials left out, before and after: rad, m, m and s.
+        left_out: error of each of these at trials left out, of the model as it was and adapted: rad, m, m and s.
+        kept: which parts stay as they were, since adapting them brings nothing at trials left out: ``pose``,
+            ``forecast``, ``arm``.
     """
 
     trials: int
@@ -90,6 +97,7 @@ class Adaptation:
     contact_point: float
     time: float
     left_out: dict[str, tuple[float, float]]
+    kept: tuple[str, ...]
 
 
 class _Points(NamedTuple):
@@ -115,12 +123,14 @@ class _Layer(NamedTuple):
 
 
 class _Chosen(NamedTuple):
-    """The adapted layer, its share, the errors (N, D) and function variances (N,) of trials left out, None of one."""
+    """The adapted layer, its share, the errors (N, D) and function variances (N,) of trials left out, None of one; and
+    whether it moved at all."""
 
     posterior: Posterior
     share: float
     error: Array | None
     variance: Array | None
+    moved: bool = True
 
     def of(self, rows: NDArray[np.bool_]) -> _Chosen:
         if self.error is None or self.variance is None:
@@ -145,14 +155,17 @@ def adapt(
     """
     learned = [trial for trial in trials if not trial.test]
     _check(model, learned)
-    avatar_points = _avatar_points(model, learned, settings)
-    avatar = _adapted(_layer(model.avatar, model.joints), avatar_points, seed, settings)
+    avatar_points, answered = _avatar_points(model, learned, settings)
+    avatar = _adapted(_layer(model.avatar, model.joints), avatar_points, answered, seed, settings)
     contact, arm, contact_points, forecast, by_arm = None, None, None, None, None
     if model.contact is not None:
         contact_points = _contact_points(model, learned, settings)
         speed, _, _ = approaches(learned, knuckle_speed)
-        forecast = _adapted(_layer(model.contact.posterior, 0), contact_points, seed, settings)
-        contact = ContactLayer(forecast.posterior, _calibration(model.contact, contact_points, speed, forecast))
+        told = _means(model.contact.posterior, contact_points) - contact_points.values
+        forecast = _adapted(_layer(model.contact.posterior, 0), contact_points, told, seed, settings)
+        contact = model.contact
+        if forecast.moved:
+            contact = ContactLayer(forecast.posterior, _calibration(model.contact, contact_points, speed, forecast))
         if model.arm_contact is not None and have_arms(learned):
             features, layer = model.arm_contact.features, model.arm_contact.layer
             armed = with_arms(learned)
@@ -160,11 +173,13 @@ def adapt(
             inputs = features(*(approaches(known, look)[0] for look in (arm_history, tempo_history)))
             points = contact_points.of(rows)._replace(inputs=inputs)
             points = points._replace(trial=np.searchsorted(armed, points.trial))
-            by_arm = _adapted(_layer(layer.posterior, 0), points, seed, settings)
-            share = model.arm_contact.share
-            both = _calibration(layer, points, speed[rows], by_arm, (forecast.of(rows), share))
-            arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, both), share)
-    posterior = _with_noise(avatar, avatar_points)
+            told = _means(layer.posterior, points) - points.values
+            by_arm = _adapted(_layer(layer.posterior, 0), points, told, seed, settings)
+            share, arm = model.arm_contact.share, model.arm_contact
+            if by_arm.moved or forecast.moved:
+                both = _calibration(layer, points, speed[rows], by_arm, (forecast.of(rows), share))
+                arm = ArmContactLayer(features, ContactLayer(by_arm.posterior, both), share)
+    posterior = _with_noise(avatar, avatar_points) if avatar.moved else model.avatar
     about: dict[str, object] = {"adapted_from": model.data_hash, "adapted_trials": len(learned), "share": avatar.share}
     if forecast is not None:
         about["contact_share"] = forecast.share
@@ -175,12 +190,12 @@ def adapt(
         avatar=posterior,
         contact=contact,
         arm_contact=arm,
-        places=contact_places(learned, seed),
-        ensemble=None,  # it answers as the trials of before do
+        places=contact_places(learned, seed) if forecast is None or forecast.moved else model.places,
+        ensemble=None if avatar.moved else model.ensemble,  # it answers as the trials of before do
         data_hash=training_set(learned, model.preset).data_hash,
         settings=model.settings | about,
     )
-    return adapted, _moved(model, adapted, learned, avatar, avatar_points, forecast, contact_points, by_arm)
+    return adapted, _moved(model, adapted, learned, avatar, avatar_points, answered, forecast, contact_points, by_arm)
 
 
 def _check(model: HGPDM, trials: Sequence[Trial]) -> None:
@@ -200,8 +215,9 @@ def _check(model: HGPDM, trials: Sequence[Trial]) -> None:
         raise HighFiveError(f"trials of {other.joints.shape[1]} joint channels; the model has {model.joints}")
 
 
-def _avatar_points(model: HGPDM, trials: Sequence[Trial], settings: AdaptationSettings) -> _Points:
-    """Each point twice, as the layer is trained: at X¹ projected back from the hand, and at what I gives of it."""
+def _avatar_points(model: HGPDM, trials: Sequence[Trial], settings: AdaptationSettings) -> tuple[_Points, Array]:
+    """Each point twice, as the layer is trained: at X¹ projected back from the hand, and at what I gives of it. Beside
+    them the errors (N, D) of the model's whole answer there, as it is."""
     data = training_set(trials, replace(model.preset, points=1))
     numbers: list[int] = np.argmax(data.styles, axis=1).tolist()
     names = [data.emotions[number] for number in numbers]
@@ -210,7 +226,13 @@ def _avatar_points(model: HGPDM, trials: Sequence[Trial], settings: AdaptationSe
     reached = np.asarray(sparse.means(model.interaction, latent[:, :dims]))[:, : model.preset.avatar_dims]
     counts = np.full(2 * len(latent), 0.5 * settings.counts)
     inputs = np.concatenate([latent[:, dims:], reached])
-    return _Points(inputs, np.tile(data.outputs, (2, 1)), counts, np.tile(styles, (2, 1)), np.tile(data.trial, 2))
+    points = _Points(inputs, np.tile(data.outputs, (2, 1)), counts, np.tile(styles, (2, 1)), np.tile(data.trial, 2))
+    answer = _means(model.avatar, points)
+    if model.ensemble is not None:
+        features = np.tile(np.asarray(model.feature_map(data.history)), (2, 1))
+        direct, trust = direct_answers(model.ensemble, features, np.tile(styles, (2, 1)))
+        answer += trust[:, None] * (direct - (1.0 - HIERARCHY) * answer)
+    return points, answer - points.values
 
 
 def _contact_points(model: HGPDM, trials: Sequence[Trial], settings: AdaptationSettings) -> _Points:
@@ -271,8 +293,13 @@ def _updated(layer: _Layer, points: _Points, share: float, seed: int, settings: 
     return updated(body, seen, points.inputs, points.values, points.counts, points.styles, share, added)
 
 
-def _adapted(layer: _Layer, points: _Points, seed: int, settings: AdaptationSettings) -> _Chosen:
-    """The layer with the share under which trials left out are likeliest, each channel in the layer's own units."""
+def _adapted(layer: _Layer, points: _Points, before: Array, seed: int, settings: AdaptationSettings) -> _Chosen:
+    """The layer with the share under which trials left out are likeliest, each channel in the layer's own units; as it
+    was, where they are no likelier so than with the errors ``before`` (N, D)."""
+
+    def cost(error: Array) -> float:
+        return float(points.counts @ np.mean((error / np.asarray(layer.posterior.scale)) ** 2, axis=1))
+
     trials = int(points.trial.max()) + 1
     folds = min(settings.folds, trials)
     if folds < 2:
@@ -286,9 +313,11 @@ def _adapted(layer: _Layer, points: _Points, seed: int, settings: AdaptationSett
             without = _updated(layer, points.of(~out), share, seed, settings)
             error[out] = _means(without, points.of(out)) - points.values[out]
             variance[out] = function_variance(without, points.inputs[out], points.of(out).styles)
-        squares = np.mean((error / np.asarray(layer.posterior.scale)) ** 2, axis=1)
-        found.append((float(points.counts @ squares), share, error, variance))
-    _, share, error, variance = min(found, key=lambda entry: entry[0])
+        found.append((cost(error), share, error, variance))
+    least, share, error, variance = min(found, key=lambda entry: entry[0])
+    if (1.0 - settings.worth) ** 2 * cost(before) <= least:
+        variance = function_variance(layer.posterior, points.inputs, points.styles)
+        return _Chosen(layer.posterior, 1.0, before, variance, moved=False)
     return _Chosen(_updated(layer, points, share, seed, settings), share, error, variance)
 
 
@@ -314,6 +343,7 @@ def _moved(
     trials: Sequence[Trial],
     avatar: _Chosen,
     points: _Points,
+    answered: Array,
     forecast: _Chosen | None,
     approach: _Points | None,
     by_arm: _Chosen | None,
@@ -328,9 +358,8 @@ def _moved(
     gains = new[:, joints].std(axis=0)[moves] / old[:, joints].std(axis=0)[moves]
     left_out: dict[str, tuple[float, float]] = {}
     if avatar.error is not None:
-        first = old - points.values
-        left_out["pose"] = _rms(first[:, joints]), _rms(avatar.error[:, joints])
-        left_out["palm"] = _length(first[:, palm]), _length(avatar.error[:, palm])
+        left_out["pose"] = _rms(answered[:, joints]), _rms(avatar.error[:, joints])
+        left_out["palm"] = _length(answered[:, palm]), _length(avatar.error[:, palm])
     change = np.zeros((1, 4))
     if forecast is not None and approach is not None and before.contact is not None:
         was = _means(before.contact.posterior, approach)
@@ -352,6 +381,11 @@ def _moved(
         contact_point=_length(change[:, :3]),
         time=_rms(change[:, 3:]),
         left_out=left_out,
+        kept=tuple(
+            name
+            for name, part in (("pose", avatar), ("forecast", forecast), ("arm", by_arm))
+            if part is not None and not part.moved
+        ),
     )
 
 

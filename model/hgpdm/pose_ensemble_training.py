@@ -243,6 +243,27 @@ def neighbours_of(task: Problem, left_out: LeftOut | None) -> Neighbours:
     )
 
 
+def direct_answers(ensemble: PoseEnsemble, features: Array, styles: Array) -> tuple[Array, Array]:
+    """What a trained pool's direct answers, without the whole arm's, weigh in it together, (T, channels), and how far
+    they count (T,), 0 to 1: as the tick has them.
+
+    Args:
+        ensemble: as trained.
+        features: (T, F) of hands.
+        styles: (T, K) one-hot.
+    """
+    near, style = ensemble.neighbours, np.argmax(styles, axis=1)
+    answer, furthest = np.empty((len(features), len(near.offset))), np.full(len(features), np.inf)
+    for k in np.unique(style):
+        own, at = slice(near.first[k], near.first[k + 1]), style == k
+        known, scores = near.features[own].astype(float), near.scores[own].astype(float)
+        average, furthest[at] = local_average(known, scores, features[at])
+        answer[at] = average @ near.basis + near.offset
+    by_layer = np.asarray(sparse.means(ensemble.regression, features, styles))
+    beyond = np.clip(furthest / float(near.usual) - 1.0, 0.0, 1.0)
+    return REGRESSION * by_layer + NEIGHBOURS * answer, 1.0 - beyond**2 * (3.0 - 2.0 * beyond)
+
+
 def local_average(features: Array, values: Array, at: Array) -> tuple[Array, Array]:
     """Averages (T, C) of the values (N, C) of the :data:`NEAREST` points (N, F) about each of ``at`` (T, F).
 

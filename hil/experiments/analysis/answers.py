@@ -46,7 +46,8 @@ class Answer:
 
 
 def read_answers(path: Path) -> list[Answer]:
-    """The trials of a file with the columns ``participant,condition,emotion,answer`` and, of morphs, ``weight``.
+    """The trials of a file with the columns ``participant,condition,emotion,answer`` and, of morphs, ``weight``; also
+    those of :func:`tidy_csv`.
 
     Raises:
         HighFiveError: no such file or no table, other columns, a value that is none, no trials, or morphs towards more
@@ -55,12 +56,12 @@ def read_answers(path: Path) -> list[Answer]:
     answers = [
         Answer(
             row.text("participant"),
-            check_condition(row, row.text("condition")),
+            condition if (condition := row.text("condition")) in BESIDE else check_condition(row, condition),
             row.text("emotion"),
             row.text("answer"),
             row.share("weight"),
         )
-        for row in read_rows(path, COLUMNS, ("weight",))
+        for row in read_rows(path, COLUMNS, ("weight", "trial", "correct"))
     ]
     if not answers:
         raise HighFiveError(f"{path} holds no answers; run the experiment first")

@@ -185,6 +185,10 @@ def _events(of: ExportTrial) -> bytes:
     events = [("0", f"{trial.times[-1] - trial.times[0]:.6f}", "high_five", *more)]
     if row["met_time"] is not None:
         events.append((f"{row['met_time']:.6f}", "0", "contact", *more))
+    for time, style in trial.changes:
+        about = [style if name == "style" else value for name, value in zip(_MORE, more, strict=True)]
+        events.append((f"{time - trial.times[0]:.6f}", "0", "answer_changed", *about))
+    events.sort(key=lambda event: float(event[0]))
     return tsv_bytes([("onset", "duration", "trial_type", *_MORE), *events])
 
 
@@ -270,7 +274,11 @@ _EVENTS = {
     "duration": {"Description": "0 for what has none.", "Units": "s"},
     "trial_type": {
         "Description": "What happened.",
-        "Levels": {"high_five": "One high five, from its first tick to its last.", "contact": "The palms met."},
+        "Levels": {
+            "high_five": "One high five, from its first tick to its last.",
+            "contact": "The palms met.",
+            "answer_changed": "The style, or whether palms are corrected, was changed; style is that from then on.",
+        },
     },
     "trial": {"Description": "Number of the high five in the session."},
     "emotion": {"Description": "In which the person raised the hand, as far as that is known."},

@@ -21,7 +21,7 @@ POINTS = ("head", "shoulder", "elbow", "wrist", "knuckles", "palm")
 """Of the person, as the session saw them."""
 NEVER_S = 1e6
 """An age beyond which a marker was never seen."""
-TOPICS = ("/trial", "/person", "/avatar", "/tick", "/markers")
+TOPICS = ("/trial", "/person", "/avatar", "/tick", "/markers", "/event")
 _UNIT = 0.01
 """How far a rotation's length may be from 1: recordings are rounded."""
 
@@ -45,6 +45,7 @@ class TrialArrays:
         names: of M markers of the person, as they were tracked; none in recordings of before 0.2.0.
         markers: (T, M, 3) m.
         seen: (T, M) measured in that tick.
+        changes: s of the recording, and the style, at which somebody changed the answer while it went on.
     """
 
     span: TrialSpan
@@ -62,6 +63,7 @@ class TrialArrays:
     names: tuple[str, ...]
     markers: Array
     seen: NDArray[np.bool_]
+    changes: tuple[tuple[float, str], ...] = ()
 
     def __len__(self) -> int:
         """Number of ticks, T."""
@@ -141,6 +143,11 @@ def trial_arrays(high_five: RecordedHighFive, name: str) -> TrialArrays:
         names=names,
         markers=markers,
         seen=seen,
+        changes=tuple(
+            (1e-9 * event.time_ns, str(event.data.get("style", "")))
+            for event in high_five.of("/event")
+            if event.data.get("event") == "answer_changed"
+        ),
     )
 
 

@@ -235,7 +235,7 @@ def test_figures_of_the_arm_stand_below_those_of_the_session(
 ) -> None:
     summary = summarise([], SessionSettings(seed=0, model="m", trials=2, source="qtm://here"))
     arm = {
-        "trials": 3, "broken_off": 1, "unreachable": ["B2"], "missed": 1, "missed_trials": ["sad A1"],
+        "trials": 3, "broken_off": 1, "unreachable": ["B2"], "missed": 1, "missed_trials": ["sad A1"], "hand_lost": [],
         "cycles": 90, "missed_cycles": 0,
         "stopped": "told to", "error_mm": {"median": 2.0, "max": 3.0}, "time_error_ms": {"median": 2.0, "max": 3.0},
     }  # fmt: skip

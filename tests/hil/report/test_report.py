@@ -165,7 +165,7 @@ def test_what_the_correction_did_is_claimed_for_trials_that_met(results):
     for chosen, badge in (
         (far[:2], ">the correction did all of it<"),
         ([results[0], *far[1:]], ">the correction did all of it in 3 of 5<"),
-        (far[4:], ">the model was far from the hand<"),
+        (far[4:], ">palms far apart<"),
     ):
         assert badge in render_page(summarise(chosen, SETTINGS), SETTINGS, [])
 

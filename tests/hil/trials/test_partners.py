@@ -51,6 +51,16 @@ def test_in_another_emotion_only_the_answer_changes(partners: list[Partner]) -> 
     assert other.emotion == "sad" and other.recording is partners[0].recording
 
 
+def test_who_is_lost_from_view_is_not_seen_from_then_on(partners: list[Partner]) -> None:
+    whole, gone = partners[0], partners[0].lost(0.3)
+    last = whole.contact_frame - 36  # at 120 Hz
+    np.testing.assert_array_equal(gone.recording.points[:last], whole.recording.points[:last])
+    assert whole.recording.valid[last:].any() and not gone.recording.valid[last:].any()
+    assert not gone.recording.unlabelled_valid[last:].any() and gone.palm is whole.palm
+    with pytest.raises(HighFiveError, match="not known when palms met"):
+        replace(whole, contact_frame=-1).lost(0.3)
+
+
 @pytest.mark.data
 @pytest.mark.parametrize(("human", "real_other"), [("A", "B"), ("B", "A")])
 def test_a_real_person_stands_before_the_avatar(recordings: Path, human: str, real_other: str) -> None:

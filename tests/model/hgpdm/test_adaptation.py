@@ -76,6 +76,21 @@ def test_its_own_trials_hardly_move_it(model: HGPDM, trials, body) -> None:
     assert moved.body < 0.02
 
 
+@pytest.mark.slow
+def test_what_is_answered_as_well_as_it_was_stays_also_of_styles_that_were_not_shown(
+    model: HGPDM, trials, body
+) -> None:
+    """A few trials of one style would else move the body that all styles share."""
+    only = [trial for trial in trials if trial.emotion == model.emotions[0]]
+    after, moved = adapt(model, only)
+    held = [trial for trial in trials if trial.test]
+    assert "pose" in moved.kept and after.avatar is model.avatar and after.ensemble is model.ensemble
+    np.testing.assert_array_equal(
+        said(after, held, body)[:, : model.joints], said(model, held, body)[:, : model.joints]
+    )
+    assert moved.left_out["pose"][0] == moved.left_out["pose"][1]
+
+
 def test_one_trial_is_enough_to_adapt_and_leaves_how_sure_the_model_is(model: HGPDM, new) -> None:
     slow = replace(new[0][0], rate_hz=20.0)  # long enough
     after, moved = adapt(model, [slow])

@@ -87,3 +87,8 @@ def test_one_person_and_one_condition_are_refused() -> None:
     both = [Answer("S1", condition, "sad", "sad") for condition in ("interactive", "replay")]
     with pytest.raises(HighFiveError, match="file holds one person, S1"):
         counts_of(both, "file")
+
+
+def test_the_tidy_table_of_a_study_is_read_with_what_stands_beside_the_comparison(tmp_path: Path) -> None:
+    answers = [*read_answers(written(tmp_path, HEAD + WHOLE + MORPHS)), Answer("S1", "other_replay", "sad", "sad")]
+    assert read_answers(written(tmp_path, tidy_csv(answers).decode())) == answers

@@ -6,6 +6,7 @@ import json
 import os
 import shutil
 import subprocess
+from dataclasses import replace
 from datetime import datetime
 
 import numpy as np
@@ -80,6 +81,16 @@ def test_events_and_starts_are_in_the_recordings_time(dataset):
         assert float(events[1]["onset"]) == pytest.approx(trial.span.contact["met_time"], abs=1e-6)
         described = json.loads((dataset / f"sub-01/motion/sub-01_task-highfive_{run}_events.json").read_text())
         assert described.keys() == events[0].keys()
+
+
+def test_a_style_that_was_changed_on_the_way_is_among_the_events(tmp_path):
+    trial = shipped_trials()[0]
+    changed = replace(trial, changes=((trial.times[0] + 0.25, "angry"),))
+    (file,) = (one for one in bids_files(exported(changed), "session.mcap") if one.name.endswith("_events.tsv"))
+    file.write(tmp_path / "events.tsv")
+    events = rows_of(tmp_path / "events.tsv")
+    assert [event["trial_type"] for event in events] == ["high_five", "answer_changed", "contact"]
+    assert float(events[1]["onset"]) == pytest.approx(0.25) and events[1]["style"] == "angry" != events[0]["style"]
 
 
 @pytest.mark.skipif(

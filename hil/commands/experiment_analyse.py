@@ -36,8 +36,8 @@ METHODS = "methods.md"
 XDF_EVENTS = "xdf_events.csv"
 """There: the log's events on the time lines of XDF files."""
 SIMULATED = (
-    "Table 1 of the source study is left out: it is of people, and all participants here are simulated. To rehearse it: "
-    "highfive experiment analyse --trials, with the trials.csv beside this."
+    "Table 1 of the source study is left out: it is of people, and all participants here are simulated. To rehearse "
+    "it: highfive experiment analyse --trials, with the trials.csv beside this."
 )
 
 

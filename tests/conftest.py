@@ -69,6 +69,19 @@ LONGEST = (
 RANK = {name: rank for rank, name in enumerate(LONGEST)}
 
 
+_OF_SEVERAL = pytest.StashKey[set[str]]()
+
+
+def pytest_itemcollected(item: pytest.Item) -> None:
+    """Of the slow cases of one test CI runs the first; the others are part of ``make sweep``."""
+    if item.get_closest_marker("slow") is None:
+        return
+    seen = item.config.stash.setdefault(_OF_SEVERAL, set())
+    if (name := item.nodeid.partition("[")[0]) in seen:
+        item.add_marker("sweep")
+    seen.add(name)
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """The longest first, so that no worker has one left at the end; slow ones by the seconds in their mark."""

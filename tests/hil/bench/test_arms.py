@@ -124,6 +124,7 @@ def test_a_law_can_fail_and_is_then_named_with_its_arm(reference: ReferenceTraje
     assert all(found["worst"][law] >= round(value, 4) for law, value in laws.broken)
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(60)
 def test_arms_at_three_cells_keep_the_laws_and_all_are_counted() -> None:
     """`make sweep` plays an arm at each of the nine."""

@@ -34,6 +34,7 @@ def test_an_installation_has_all_that_it_needs_and_extras_count_what_they_add() 
     assert dev["mb"] is not None and not set(dev["heaviest"]) & set(installed_sizes("high-five", 99)[""]["heaviest"])
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(120)
 def test_all_commands_start_and_the_figures_are_there(capsys: pytest.CaptureFixture[str]) -> None:
     found = bench_start(StartOptions(repeats=1), quiet)

@@ -13,6 +13,7 @@ def no_bar(label: str, total: int):
     return lambda note="", done=None: None
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(60)
 def test_intervals_hold_what_was_put_in() -> None:
     found = bench_studies(StudiesOptions(studies=6, people=3, first=1000), no_bar)

@@ -363,9 +363,16 @@ def test_none_is_refused() -> None:
         bench_faults(replace(FaultsOptions(), seeds=0), quiet)
 
 
-@pytest.mark.slow(90)
-def test_thirty_schedules_break_no_law() -> None:
+@pytest.mark.slow(40)
+def test_ten_schedules_break_no_law() -> None:
     """One of them, 152, has found a law broken; `make sweep` runs a thousand."""
+    result = bench_faults(FaultsOptions(10, first=144), quiet)
+    assert result["schedules"] == 10 and not result["broken"], result["broken"]
+
+
+@pytest.mark.sweep
+@pytest.mark.slow(90)
+def test_thirty_schedules_break_no_law_and_judge_each() -> None:
     result = bench_faults(FaultsOptions(30, first=130), quiet)
     assert result["schedules"] == 30
     assert not result["broken"], result["broken"]

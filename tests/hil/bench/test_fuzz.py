@@ -18,7 +18,7 @@ from highfive.hil.bench.fuzz_readers import READERS
 from highfive.hil.bench.fuzz_worker import _Worker
 from highfive.model.errors import HighFiveError
 
-FEW, MANY = 200, 1500
+FEW, MANY = 200, 500
 
 
 def no_bar(label: str, total: int) -> Any:

@@ -74,6 +74,7 @@ def bar(*_: object):
     return lambda *_, **__: None
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_a_port_that_dies_half_way_is_gone_on_from(tmp_path: Path) -> None:
     run, truth = wanted(tmp_path, 10), drawn_truth(40)
@@ -220,7 +221,7 @@ def test_what_cannot_be_used_is_said_before_anything_is_opened(tmp_path: Path, c
     assert says in str(error.value)
 
 
-@pytest.mark.slow(60)
+@pytest.mark.slow(40)
 def test_a_rehearsal_needs_neither_arm_nor_motion_capture_and_is_nothing_for_a_real_arm(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -233,9 +234,16 @@ def test_a_rehearsal_needs_neither_arm_nor_motion_capture_and_is_nothing_for_a_r
     assert rehearsal["truly_off_mm"]["p95"] < 4.0 and "where palms meet the plate is really" in capsys.readouterr().out
 
     calibrated = replace(ARM, calibration=out)
-    servos = ServoOptions(calibrated, None, 6, seed=3, out=out, overwrite=True)
-    assert calibrate_servos(servos, bar, lambda lines: True)["written"]
-    assert load_arm(out).joints["elbow"].friction is not None
     assert check_options(calibrated)[1].joints[2].astray != 0.0
     with pytest.raises(HighFiveError, match="was rehearsed with an emulated arm"):
         check_options(replace(calibrated, port="/dev/ttyUSB99", armed=True, nobody_near=True))
+
+
+@pytest.mark.sweep
+@pytest.mark.slow(90)
+def test_its_servos_are_rehearsed_too(tmp_path: Path) -> None:
+    out = tmp_path / "arm.toml"
+    calibrate_extrinsics(ExtrinsicsOptions(ARM, None, None, 10, seed=3, out=out), bar)
+    servos = ServoOptions(replace(ARM, calibration=out), None, 6, seed=3, out=out, overwrite=True)
+    assert calibrate_servos(servos, bar, lambda lines: True)["written"]
+    assert load_arm(out).joints["elbow"].friction is not None

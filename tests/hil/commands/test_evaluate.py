@@ -138,6 +138,7 @@ def test_a_number_of_trials_that_is_too_few_to_learn_from_is_named_before_any_tr
     assert re.search(r"--learning-curve: 1 a style gives \d\d training points, at least 50 are needed", str(error))
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(70)
 @pytest.mark.usefixtures("hurried")
 def test_repetitions_left_out_in_turn_give_a_report_and_go_on_where_they_were(tmp_path: Path):

@@ -90,7 +90,8 @@ def test_no_trial_is_lost_and_none_asked_twice_unmarked(tmp_path: Path) -> None:
     kill(study(tmp_path, changes={"participants = 12": "participants = 8"}), times=8, seed=0)
 
 
-@pytest.mark.slow(60)
-def test_two_hundred_kills_lose_nothing(tmp_path: Path) -> None:
-    folder = study(tmp_path, changes={"participants = 12": "participants = 200"})
-    kill(folder, times=200, seed=1)
+@pytest.mark.slow
+@pytest.mark.parametrize("times", [50, 200])
+def test_many_kills_lose_nothing(tmp_path: Path, times: int) -> None:
+    folder = study(tmp_path, changes={"participants = 12": f"participants = {times}"})
+    kill(folder, times=times, seed=1)

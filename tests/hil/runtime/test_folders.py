@@ -368,6 +368,7 @@ def test_a_capture_replaces_its_own_and_nobody_elses(
     assert second["angry_A1_7.c3d"] == b"somebody's"
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(50)
 def test_an_interrupted_capture_leaves_the_earlier_set(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -17,7 +17,7 @@ from highfive.model.hgpdm.store import load_model
 @pytest.mark.slow(20)
 @pytest.mark.parametrize(
     ("file", "human", "met_before"),
-    [("85_02", None, False), ("85_12", None, True), ("markers_analogs", "Daphnee", True)],
+    [("85_12", None, True), ("85_02", None, False), ("markers_analogs", "Daphnee", True)],
 )
 def test_who_gives_no_high_five_is_not_met(recordings: Path, file: str, human: str | None, met_before: bool) -> None:
     """A reach may begin, and is given up before the palm is led a quarter of the way; undoubted, two are met."""

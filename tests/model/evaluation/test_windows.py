@@ -151,6 +151,7 @@ def test_an_input_of_any_width_is_the_history_that_it_tells(tmp_path: Path, fram
     assert len(windows.window_preset(SMALL, learn).history) == told - 1
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(20)
 @pytest.mark.parametrize(("frames", "differences"), [(5, 0), (1, 0)])
 def test_an_arm_that_follows_another_is_learned(tmp_path: Path, frames: int, differences: int):

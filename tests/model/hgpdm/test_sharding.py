@@ -53,6 +53,7 @@ def eight_devices_give_those_of_one(preset: str) -> dict:
     return expected
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(35)
 def test_eight_devices_and_two_processes_give_objective_and_gradient_of_one_device() -> None:
     expected = eight_devices_give_those_of_one("default")
@@ -65,6 +66,7 @@ def test_eight_devices_and_two_processes_give_objective_and_gradient_of_one_devi
         assert_same(found, expected)
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(15)
 def test_eight_devices_give_those_of_one_by_the_papers_preset_too() -> None:
     eight_devices_give_those_of_one("paper")

@@ -34,19 +34,19 @@ def why_not_met(ticks: Sequence[Tick], times: Array, contact: ContactReport, out
     if contact.met:
         return ""
     known = [tick for tick in ticks if tick.person.valid]
+    pictures, seconds = sum(tick.sighting is not None for tick in ticks), float(times[-1])
+    if seconds > 1.0 and (known or pictures) and pictures < PICTURES_HZ * seconds:
+        rate = pictures / seconds
+        return f"only {rate:.1f} pictures of the person came in a second; fewer than {PICTURES_HZ:g} are too few"
     if not known:
         return "the person's hand was not seen"
-    return _of_the_person(ticks, known, float(times[-1])) or _of_the_reach(
+    return _of_the_person(ticks, known) or _of_the_reach(
         ticks, known, f"the palms came no nearer than {1e3 * contact.distance:.0f} mm", out_of_reach
     )
 
 
-def _of_the_person(ticks: Sequence[Tick], known: Sequence[Tick], seconds: float) -> str:
+def _of_the_person(ticks: Sequence[Tick], known: Sequence[Tick]) -> str:
     """What was in the way before the model had a word; ``known`` are the ticks in which her hand is."""
-    pictures = sum(tick.sighting is not None for tick in ticks)
-    if seconds > 1.0 and pictures < PICTURES_HZ * seconds:
-        rate = pictures / seconds
-        return f"only {rate:.1f} pictures of the person came in a second; fewer than {PICTURES_HZ:g} are too few"
     first = next(i for i, tick in enumerate(ticks) if tick.person.valid)
     hidden = np.mean([not tick.person.valid for tick in ticks[first:]])
     if hidden > HIDDEN:

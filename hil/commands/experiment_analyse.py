@@ -249,9 +249,10 @@ def print_analysis(result: dict[str, Any]) -> None:
 
 
 def _print_study(result: dict[str, Any]) -> None:
+    planned = " (the program's: nobody moved)" if result["simulated"] and not result["motion"]["trials"] else ""
     for condition, times in result["timing"].items():
         reaction, contact = times["reaction_s"], times["contact_after_cue_s"]
-        met = "" if contact["median"] is None else f", contact {contact['median']:.2f} s after the cue"
+        met = "" if contact["median"] is None else f", contact {contact['median']:.2f} s after the cue{planned}"
         print(f"{condition}: {reaction['n']} answers, median reaction {reaction['median'] or 0.0:.2f} s{met}")
         if "asynchrony_s" in times:
             print(f"  palms: asynchrony {1e3 * times['asynchrony_s']['median']:+.1f} ms, closing at "

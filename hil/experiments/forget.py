@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-from highfive.hil.experiments.study import PARTICIPANTS, PLAN, participant_folder, participants
+from highfive.hil.experiments.study import PARTICIPANTS, PLAN, PROTOCOL, participant_folder, participants
 from highfive.hil.runtime.folders import locked
 from highfive.model.errors import HighFiveError
 
@@ -27,7 +28,7 @@ class Forgotten:
         deleted: files, below the study.
         shown_to: participants whose plans and recordings have her trials: she moves in them.
         mentioned: other files of the study in whose name or text the code is.
-        beside: exports and results in the folder that the study is in, in whose files the code is.
+        beside: exports and results in the folder that the study is in, in whose files the code is, and copies of it.
     """
 
     participant: str
@@ -69,18 +70,42 @@ def forget(study: Path, code: str) -> Forgotten:
 
 
 def _beside(study: Path, code: str) -> list[str]:
-    """Folders beside the study that one of our commands has written, and in which the code stands."""
+    """Folders beside the study that one of our commands has written, copies of it among them, and in which the code
+    stands; not the results of another study, of which that code is somebody else."""
     there = sorted(path for path in study.resolve().parent.iterdir() if path.is_dir() and path != study.resolve())
-    made = [path for path in there if any((path / name).is_file() for name in _MADE)]
-    return [path.name for path in made if _mentions(path, code)]
+    made = [path for path in there if any((path / name).is_file() for name in _MADE) and not _of_another(path, study)]
+    copies = [path for path in there if (path / PARTICIPANTS / code).is_dir() and _same_protocol(path, study)]
+    return sorted({path.name for path in made if _mentions(path, code)} | {path.name for path in copies})
+
+
+def _of_another(results: Path, study: Path) -> bool:
+    """Whether results say that they are of a study of another name."""
+    try:
+        source = json.loads((results / "report.json").read_bytes()).get("source")
+    except (OSError, ValueError, AttributeError):
+        return False
+    return isinstance(source, str) and Path(source).name != study.resolve().name
+
+
+def _same_protocol(copy: Path, study: Path) -> bool:
+    """Whether a folder's protocol is the study's."""
+    try:
+        return (copy / PROTOCOL).read_bytes() == (study / PROTOCOL).read_bytes()
+    except OSError:
+        return False
 
 
 def _mentions(study: Path, code: str) -> list[str]:
-    """Files below the study in whose name, or text where they are texts, the code stands by itself."""
+    """Files below the study in whose name, or text where they are texts, the code stands by itself; comments in TOML do
+    not count."""
     word = re.compile(rb"(?<![A-Za-z0-9])" + re.escape(code.encode()) + rb"(?![A-Za-z0-9])")
     return sorted(
         path.relative_to(study).as_posix()
         for path in study.rglob("*")
-        if path.is_file()
-        and (word.search(path.name.encode()) or (path.suffix in _TEXTS and word.search(path.read_bytes())))
+        if path.is_file() and (word.search(path.name.encode()) or (path.suffix in _TEXTS and word.search(_text(path))))
     )
+
+
+def _text(path: Path) -> bytes:
+    content = path.read_bytes()
+    return re.sub(rb"(?m)^\s*#.*$", b"", content) if path.suffix == ".toml" else content

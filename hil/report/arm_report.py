@@ -189,8 +189,8 @@ def arm_section(summary: dict[str, Any], drawn: dict[str, Drawing]) -> str:
     closing, face = summary["closing_speed"], summary["face_speed"]
     lines.append(
         "Largest speed towards the hand near it, and near the head: "
-        f"{_known(closing['wire'], 'm/s')} and {_known(face['wire'], 'm/s')} of what was commanded, "
-        f"{_known(closing['body'], 'm/s')} and {_known(face['body'], 'm/s')} of the arm itself."
+        f"{_near(closing['wire'])} and {_near(face['wire'])} of what was commanded, {_near(closing['body'])} and "
+        f"{_near(face['body'])} of the arm itself."
     )
     if summary["stricter"]:
         lines.append(f"Limits of the safety envelope made stricter for this: {', '.join(summary['stricter'])}.")
@@ -230,6 +230,11 @@ def _spread(extent: dict[str, float], values: int, form: str, unit: str) -> str:
     if values == 1:
         return f"{extent['median']:{form}} {unit}."
     return f"median {extent['median']:{form}} {unit}, largest {extent['max']:{form}} {unit}."
+
+
+def _near(speed: float | None) -> str:
+    """Of a speed that is only measured where something is near."""
+    return _known(speed or None, "m/s")
 
 
 def _known(value: float | None, unit: str = "") -> str:

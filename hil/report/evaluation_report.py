@@ -119,7 +119,8 @@ def _setting(result: dict[str, Any]) -> str:
     what = f"Preset {result['preset']}, {result['inducing']} inducing inputs per layer and for the sparse GP, {seeds}"
     if result.get("model"):
         what = (
-            f"hGPDM is {result['model']} as it stands; the regressions learned from the training trials here. Of a "
+            f"hGPDM is {result['model']} as it stands, by what it learned before; the regressions learned "
+            "from the training trials here alone. Of a "
             "held-out trial that it was trained on, it knows more than it should. "
             f"Sparse GP: {result['inducing']} inducing inputs, {seeds}"
         )

@@ -221,7 +221,7 @@ def _findings(summary: dict[str, Any]) -> str:
             f"touched: {_spread(truth, summary, 'mm', 1)}. They closed in at {_spread(closing, summary, 'm/s')}."
         )
     if summary["unwanted_contacts"] == 0:
-        found.append("Nothing touched that should not have.")
+        found.append("Nothing touched that should not have; the two hands may, fingers too.")
     text = "".join(f"<p>{line}</p>" for line in found)
     return text + _unwanted(summary)
 

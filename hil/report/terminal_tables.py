@@ -31,7 +31,10 @@ def print_scores(result: dict[str, Any]) -> None:
         table.caption = "medians of the seeds; their ranges: --out, --json or a wider window"
     console.print(table)
     if result.get("model"):
-        console.print(f"{result['model']} is scored as it stands: trials that it was trained on would flatter it")
+        console.print(
+            f"{result['model']} is scored as it stands, by what it learned before; the regressions learned from the "
+            "training trials here. Trials that it was trained on would flatter it; without a model all learn alike"
+        )
     if result.get("false_starts"):
         console.print(_false_starts(result["false_starts"]))
     if "learning_curve" in result:

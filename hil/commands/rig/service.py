@@ -21,7 +21,7 @@ from highfive.hil.arm_model.arm_folder import DEFAULT_ARM, ArmFolder, find_arm
 from highfive.hil.drivers.bus.control_table import to_si
 from highfive.hil.drivers.bus.joint_bus import JointBus
 from highfive.hil.drivers.bus.ports import Port, latency_ms, serial_ports, too_slow
-from highfive.hil.drivers.bus.rig import LAST_ID, Rig, load_rig
+from highfive.hil.drivers.bus.rig import LAST_ID, Rig, angle, load_rig
 from highfive.hil.drivers.bus.rig_setup import Difference, configure, differences, missing_servos, shadow_gaps
 from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING, Wiring
 from highfive.hil.drivers.bus.servo_bus import Found, ServoBus
@@ -215,6 +215,7 @@ def _health(bus: ServoBus, rig: Rig, servo: int) -> dict[str, Any]:
         "model": table.model,
         "firmware": bus.read(servo, "firmware_version"),
         "torque": bool(bus.read(servo, "torque_enable")),
+        "angle_deg": round(math.degrees(angle(joint, bus.read(servo, "present_position"))), 1),
         "stopped_by_watchdog": bus.read(servo, "bus_watchdog") == WATCHDOG_TRIPPED,
         "temperature_C": to_si(table["present_temperature"], bus.read(servo, "present_temperature")),
         "voltage_V": round(to_si(table["present_input_voltage"], bus.read(servo, "present_input_voltage")), 2),
@@ -290,7 +291,7 @@ def print_check(result: dict[str, Any]) -> None:
         torque = "on" if row["torque"] else "off"
         print(
             f"  ID {row['id']:<3}{row['joint']:<14}{row['model']}  {row['temperature_C']:.0f} °C  "
-            f"{row['voltage_V']:.1f} V  torque {torque}"
+            f"{row['voltage_V']:.1f} V  {row['angle_deg']:6.1f}°  torque {torque}"
         )
     if (of := result["calibration"]) is not None:
         zeros = ", ".join(f"{name} {joint['zero_deg']:.2f}°" for name, joint in of["joints"].items())

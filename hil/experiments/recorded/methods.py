@@ -40,7 +40,7 @@ def methods(study: Path, found: StudyRows, level: float, rules: ExclusionRules |
         rules: the lab's own exclusions.
     """
     about = _recorded_with(study, found)
-    shown = bool(about) or not all(row.simulated for row in found.rows)
+    shown = bool(about) or not all(row.simulated for row in found.counted or found.rows)
     parts = [
         _participants(found), _apparatus(found.protocol, about) if shown else _nothing_shown(found.protocol),
         _procedure(found.protocol, shown=shown), _answers(found.protocol), _data(found, rules),
@@ -205,8 +205,8 @@ def _software(found: StudyRows) -> str:
 
 
 def _recorded_with(study: Path, found: StudyRows) -> Mapping[str, Any]:
-    """Settings of the first recording that can be read; none where there is none."""
-    for row in found.rows:
+    """Settings of the first recording, of trials that count, that can be read; none where there is none."""
+    for row in found.counted or found.rows:
         if row.recording and row.block != PRACTICE:
             path = session_folder(study, row.participant, row.session) / Path(row.recording).name
             try:

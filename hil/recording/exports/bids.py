@@ -106,12 +106,13 @@ def person_channels(trial: TrialArrays) -> list[Channel]:
 
 
 def avatar_channels(trial: TrialArrays) -> list[Channel]:
-    """Each joint's place in the world, and its rotation relative to its parent (the pelvis': to the world)."""
+    """Each joint's place in the world, and its rotation relative to its parent (the pelvis': to the world); and the
+    middle of the right palm."""
     channels = []
     for joint, name in enumerate(avatar_skeleton().names):
         channels += _positions(name, trial.positions[:, joint])
         channels += _turns(name, trial.quaternions[:, joint], _PARENT if joint else _WORLD)
-    return [*channels, _latency(trial)]
+    return [*channels, *_positions("palm", trial.avatar_palm), _latency(trial)]
 
 
 def _positions(point: str, values: Array) -> Iterable[Channel]:
@@ -285,6 +286,6 @@ _EVENTS = {
     "style": {"Description": "In which the avatar answered."},
     "cell": {"Description": "Where the hand was raised: A to C low to high, 1 to 3 from the avatar's right."},
     "met": {"Description": "Whether the palms met.", "Levels": {"1": "yes", "0": "no"}},
-    "distance": {"Description": "From palm to palm at their nearest, or as they met.", "Units": "m"},
+    "distance": {"Description": "From palm to palm at their nearest, some ms after their first touch.", "Units": "m"},
     "approach_speed": {"Description": "Of the palms towards each other as they met.", "Units": "m/s"},
 }

@@ -65,11 +65,12 @@ def person_columns(arrays: TrialArrays) -> dict[str, Array]:
 
 
 def avatar_columns(arrays: TrialArrays) -> dict[str, Array]:
-    """Column -> (T,): each joint's place in the world, and its rotation relative to its parent (root: the world)."""
+    """Column -> (T,): each joint's place in the world, and its rotation relative to its parent (root: the world); then
+    the middle of the right palm."""
     columns: dict[str, Array] = {}
     for joint, name in enumerate(avatar_skeleton().names):
         columns |= dict(_xyz(name, arrays.positions[:, joint])) | dict(_quaternion(name, arrays.quaternions[:, joint]))
-    return columns
+    return columns | dict(_xyz("palm", arrays.avatar_palm))
 
 
 def marker_columns(arrays: TrialArrays) -> dict[str, Array]:
@@ -188,7 +189,8 @@ def _tick_arrays(arrays: TrialArrays) -> dict[str, NDArray[Any]]:
         "person_palm_normal": arrays.palm_normal, "person_head_quaternion": arrays.head_orientation,
         "person_valid": arrays.valid, "person_age": arrays.age, "avatar_root": arrays.root,
         "avatar_quaternions": arrays.quaternions, "avatar_positions": arrays.positions,
-        "avatar_orientations": arrays.orientations, "markers": _unseen_as_nan(arrays),
+        "avatar_orientations": arrays.orientations, "avatar_palm": arrays.avatar_palm,
+        "markers": _unseen_as_nan(arrays),
     }  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from highfive.hil.recording.exports.arm_arrays import ArmArrays, arm_arrays
 from highfive.hil.recording.session_reader import RecordedHighFive, SessionReader
 from highfive.hil.recording.trial_spans import TrialSpan
-from highfive.hil.sim.avatar import avatar_skeleton
+from highfive.hil.sim.avatar import avatar_skeleton, right_palm
 from highfive.model.errors import HighFiveError
 from highfive.model.geometry.rotations import Array
 
@@ -68,6 +68,11 @@ class TrialArrays:
     def __len__(self) -> int:
         """Number of ticks, T."""
         return len(self.times)
+
+    @property
+    def avatar_palm(self) -> Array:
+        """(T, 3) m, the middle of the avatar's right palm in the world."""
+        return right_palm(avatar_skeleton(), self.positions, self.orientations)[0]
 
 
 @dataclass(frozen=True)

@@ -41,6 +41,7 @@ from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
 from highfive.hil.runtime.virtual_clock import VirtualClock
+from highfive.hil.safety.limits_file import load_limits
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.plate_wiring import camera_wiring
 from highfive.mocap_bridge.files.recording import EVERYBODY
@@ -251,6 +252,9 @@ def test_rig_check_looks_at_the_calibration_too(tmp_path: Path) -> None:
         assert result["calibration"]["joints"]["elbow"]["friction_Nm"] == 0.25
         assert says in " ".join(result["troubles"])
         assert result["ready"] is (says == ""), result["troubles"]
+        firsts = {servo["joint"]: servo["angle_deg"] for servo in result["servos"]}
+        rest = dict(zip(firsts, np.degrees(load_limits().way_points[-1]), strict=True))
+        assert all(abs(firsts[joint] - rest[joint]) < 5.0 for joint in rest)  # it rests, and its zeros are off
 
 
 def test_what_is_within_its_error_is_said_to_be_so_and_nothing_is_minus_nothing() -> None:

@@ -1,6 +1,7 @@
 """A study's folder: plans that stay as they were drawn, and people who are forgotten."""
 
 import json
+import shutil
 from dataclasses import asdict
 from pathlib import Path
 
@@ -120,13 +121,18 @@ def test_who_is_forgotten_is_nowhere_but_where_it_is_said(tmp_path: Path) -> Non
     (tmp_path / "exported" / "participants.tsv").write_text("sub-P01\n")
     (tmp_path / "somebodys").mkdir()
     (tmp_path / "somebodys" / "P01.txt").write_text("not ours")
+    shutil.copytree(folder, tmp_path / "backup")
+    for name, source in (("results", folder.name), ("others", "another_study")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "report.json").write_text(json.dumps({"source": source, "who": "P01"}))
+    (folder / "rules.toml").write_text("# P01 was ill\n")
     found = forget(folder, "P01")
-    assert found.beside == ("exported",)
+    assert found.beside == ("backup", "exported", "results")
     assert "participants/P01/session-1/session.mcap" in found.deleted
     assert found.shown_to == ("P02",) and found.mentioned == ("report.html",)
     assert not (folder / "participants" / "P01").exists()
     left = [path for path in folder.rglob("*") if path.is_file() and "P01" in path.read_text(errors="replace")]
-    assert {path.name for path in left} == {"plan.toml", "plan.csv", "report.html", "other.html"}
+    assert {path.name for path in left} == {"plan.toml", "plan.csv", "report.html", "other.html", "rules.toml"}
     with pytest.raises(HighFiveError, match="has no participant P01; it has P00, P02"):
         forget(folder, "P01")
 

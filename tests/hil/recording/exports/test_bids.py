@@ -60,6 +60,7 @@ def test_values_are_the_recordings(dataset):
     by_name = dict(zip(names, values.T, strict=True))
     np.testing.assert_allclose(by_name["pelvis_z"], trial.root[:, 2], atol=1e-5)
     np.testing.assert_allclose(by_name["latency"], trial.times - trial.times[0], atol=1e-5)
+    np.testing.assert_allclose(by_name["palm_y"], trial.avatar_palm[:, 1], atol=1e-5)
     head = trial.quaternions[:, 6]
     for column, axis in enumerate("wxyz"):
         np.testing.assert_allclose(by_name[f"head_q{axis}"], head[:, column], atol=1e-5)

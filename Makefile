@@ -30,10 +30,11 @@ clock: $(READY)  # those that do, with nothing beside them
 
 slow: $(READY)  ## tests that take long
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 12 -m "slow and not sweep and not realtime" $(SLOW)
-	$(BIN)/python -m pytest -m "slow and realtime" $(REALTIME)
+	$(BIN)/python -m pytest -m "slow and realtime and not sweep" $(REALTIME)
 
 sweep: $(READY)  ## of what CI tries a part, before a release: the other slow cases, a thousand schedules of faults, an arm at each cell, damaged files (an hour)
 	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 12 -m "sweep and not realtime" $(SLOW)
+	$(BIN)/python -m pytest -m "sweep and realtime" $(REALTIME)
 	$(BIN)/highfive bench faults --seeds 1000
 	$(BIN)/highfive bench arms --arms 9
 	$(BIN)/highfive bench fuzz --inputs 5000 --jobs 2

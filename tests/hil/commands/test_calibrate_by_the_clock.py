@@ -55,6 +55,7 @@ def patient_arm(tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.realtime
 def test_an_arm_at_a_port_is_calibrated_as_the_documentation_has_it(

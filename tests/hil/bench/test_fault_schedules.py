@@ -384,6 +384,7 @@ def test_thirty_schedules_break_no_law_and_judge_each() -> None:
         assert result["judged"][law] >= 1, law
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_a_session_goes_on_and_on_without_a_missed_cycle() -> None:
     result = bench_long_session(LongSessionOptions(0.5), load_model(DEFAULT_MODEL), quiet)

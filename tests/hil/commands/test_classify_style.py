@@ -62,6 +62,7 @@ def test_who_follows_the_person_is_not_taken_for_who_shows_the_style(people: lis
     assert {name: sum(counts.values()) for name, counts in table.items()} == dict.fromkeys(EMOTIONS, len(people))
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(70)
 def test_the_shipped_model_shows_what_the_actors_showed(tmp_path: Path) -> None:
     rows = []

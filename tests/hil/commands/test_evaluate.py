@@ -124,6 +124,7 @@ def test_what_cannot_be_scored_is_said_in_one_line(file: Path, arguments: list[s
     assert "\n" not in str(error)
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_a_number_of_trials_that_is_too_few_to_learn_from_is_named_before_any_training(captured: Path, tmp_path: Path):
     rows = []

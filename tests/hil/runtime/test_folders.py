@@ -402,6 +402,7 @@ def reach(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.sweep
 @pytest.mark.slow(50)
 def test_an_interrupted_track_leaves_whole_files(
     tmp_path: Path, reach: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

@@ -102,6 +102,7 @@ def test_a_person_is_scored_by_the_distance_of_the_joints(path: Path):
     np.testing.assert_allclose(list(scores.values()), 0.03)
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 def test_the_answer_beats_the_mean_and_knows_nothing_of_later_windows(path: Path):
     learn, test = windows.read_windows(path)

@@ -182,6 +182,7 @@ def test_an_emergency_stop_ends_the_session_and_keeps_what_was_played(how: str, 
     assert (out / "report.html").is_file()
 
 
+@pytest.mark.sweep
 @pytest.mark.slow
 @pytest.mark.parametrize("how", ["Ctrl-C", "pipe"])
 def test_a_stop_while_a_recording_is_played_keeps_what_was_played_and_says_why(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from highfive.hil.commands.session_partners import worn_set
 from highfive.hil.commands.simulate_options import SimulateOptions
-from highfive.hil.runtime.console import Bar, say_aside
+from highfive.hil.runtime.console import Bar
 
 if TYPE_CHECKING:
     from highfive.hil.arm.arm_trial import ArmWatch
@@ -63,8 +63,6 @@ def _compile_before(options: SimulateOptions) -> None:
     from highfive.hil.sim.people.capture import PERSON_SET  # noqa: PLC0415
     from highfive.hil.sim.scene import build_scene  # noqa: PLC0415
     from highfive.mocap_bridge.markers.marker_set_file import load_marker_set  # noqa: PLC0415
-    from highfive.model.compiled import when_compiling  # noqa: PLC0415
 
-    with when_compiling(lambda: say_aside("compiling, once after installing: this takes a minute or two")):
-        model = open_model(options.model)
-        Session(model, {model.emotions[0]: 1.0}, load_marker_set(PERSON_SET), build_scene())
+    model = open_model(options.model)
+    Session(model, {model.emotions[0]: 1.0}, load_marker_set(PERSON_SET), build_scene())

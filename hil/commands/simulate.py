@@ -39,6 +39,7 @@ from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.mocap_bridge.sources.address import is_live
 from highfive.mocap_bridge.tracking.filter_settings import HEADSET
 from highfive.model import DEFAULT_MODEL
+from highfive.model.compiled import when_compiling
 from highfive.model.errors import HighFiveError
 from highfive.model.hgpdm.trained import HGPDM
 from highfive.model.hgpdm.trials import Trial
@@ -91,7 +92,7 @@ def simulate(options: SimulateOptions, folder: Path, bar: Bar, wiring: LiveWirin
     worn = live and wears_headset(options)
     options = with_page(options) if worn else options if live else _without_folder(options)
     again = options.source is not None and not live and options.source.endswith(SUFFIX)
-    with ExitStack() as stack:
+    with ExitStack() as stack, when_compiling(lambda: say_aside("compiling, once after installing: a minute or two")):
         stack.enter_context(interrupted_between_ticks())  # first: an arm's handlers of Ctrl-C call this one
         _check(options, live, again)
         beside = registered_headset(options, live)

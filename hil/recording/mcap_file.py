@@ -16,12 +16,15 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from zstandard import ZstdError
 
 from highfive.model.errors import HighFiveError
+from highfive.model.files import check_size
 
 _MAGIC = b"\x89MCAP0\r\n"  # at both ends
 
 Place = tuple[int, int]
 """Of a message: where in the file its chunk begins, and its place among the chunk's records. Later ones are greater."""
 
+LARGEST_FILE = 1 << 40
+"""Bytes: it is read piece by piece, and only has to end."""
 LARGEST_CHUNK = 32 << 20
 """Bytes that a chunk may unpack to: our own have 8 MB at most, and all of it is in memory at once."""
 _PACKED = 40
@@ -58,6 +61,7 @@ class McapFile:
             HighFiveError: there is no such file, or it is empty.
         """
         try:
+            check_size(self.path, LARGEST_FILE)
             size = self.path.stat().st_size
             with self.path.open("rb") as file:
                 if size == 0:

@@ -23,7 +23,7 @@ from highfive.mocap_bridge.files.recording import FARTHEST_M
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.wire.lost_samples import lost_before
 from highfive.model.errors import HighFiveError
-from highfive.model.files import written_whole
+from highfive.model.files import check_size, written_whole
 from highfive.model.geometry.rotations import Array
 
 try:
@@ -41,6 +41,8 @@ CLOCKS_DIFFER = 3e-4
 """A rate that is measured to be this close to the nominal one, as a share, is the nominal one."""
 
 _MAGIC = b"HIGHFIVE TAKE 1\n"
+LARGEST_TAKE = 1 << 40
+"""Bytes: it is read frame by frame, and only has to end."""
 _BLOCK = struct.Struct("<cII")
 _FRAME = struct.Struct("<qqII")  # number, arrival (ns), markers, points without a label
 _STAMP = struct.Struct("<q")  # source time (ns)
@@ -145,6 +147,7 @@ def take_to_c3d(raw: Path, path: Path, *, replace: bool = False) -> tuple[int, i
         HighFiveError: it is no raw file, or the C3D file cannot be written, or is there and may not be replaced.
     """
     try:
+        check_size(raw, LARGEST_TAKE)
         with raw.open("rb") as file:
             magic = file.read(len(_MAGIC))
             if magic != _MAGIC and _MAGIC.startswith(magic):  # the disk was full from the first

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
+from highfive.model.files import check_size, write_whole
 
 NEEDED = "file"
 """The column without which there is no trial; the others may be missing."""
@@ -73,6 +73,7 @@ def _all_rows(folder: Path, say: Say) -> tuple[list[TrialRow], bool]:
     """All rows, and whether the table says of any which are held out."""
     path = folder / TABLE
     try:
+        check_size(path, LARGEST_TABLE)
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.DictReader(file)
             found, columns = list(reader), reader.fieldnames or []
@@ -139,6 +140,10 @@ def with_held_out(rows: Sequence[TrialRow], say: Say) -> list[TrialRow]:
 
 
 TABLE = "trials.csv"
+
+
+LARGEST_TABLE = 4_000_000
+"""Bytes: a hundred thousand trials; read, it takes some forty times as much."""
 
 
 COLUMNS = ("file", "emotion", "cell", "repetition", "split")

@@ -9,6 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from highfive.model.errors import HighFiveError
+from highfive.model.files import check_size
+
+LARGEST_TABLE = 32_000_000
+"""Bytes: some hundred thousand trials in all columns; read, it takes some forty times as much."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +80,7 @@ def read_rows(path: Path, columns: Sequence[str], optional: Sequence[str] = ()) 
         HighFiveError: no such file, no table, columns that are missing or not known, or a row of another length.
     """
     try:
+        check_size(path, LARGEST_TABLE)
         with path.open(newline="", encoding="utf-8-sig") as file:
             reader = csv.reader(file, strict=True)
             lines = [(reader.line_num, [cell.strip() for cell in row]) for row in reader]

@@ -169,6 +169,9 @@ _CalibratedPort = Annotated[
         "drawing as --seed says.",
     ),
 ]
+_CalibratedSource = Annotated[
+    str | None, typer.Option(help="The motion capture system: vicon://host, qtm://host, …; none to rehearse.")
+]
 _Calibrated = Annotated[
     Path | None, typer.Option(metavar="FILE.toml", help="The arm's, as calibrate extrinsics wrote it.")
 ]
@@ -177,9 +180,7 @@ _Calibrated = Annotated[
 @calibrate.command("extrinsics", cls=ArmCommand)
 def calibrate_extrinsics(
     port: _CalibratedPort,
-    source: Annotated[
-        str | None, typer.Option(help="The motion capture system: vicon://host, qtm://host, …; none to rehearse.")
-    ] = None,
+    source: _CalibratedSource = None,
     plate: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="The plate's template (docs/calibration.md).")
     ] = None,
@@ -216,9 +217,7 @@ def calibrate_extrinsics(
 @calibrate.command("servos", cls=ArmCommand)
 def calibrate_servos(
     port: _CalibratedPort,
-    source: Annotated[
-        str | None, typer.Option(help="The motion capture system: vicon://host, qtm://host, …; none to rehearse.")
-    ] = None,
+    source: _CalibratedSource = None,
     arm: Armed = False,
     which_arm: WhichArm = None,
     calibration: _Calibrated = None,

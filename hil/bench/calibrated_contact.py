@@ -25,18 +25,17 @@ from highfive.calibration.registration import Registration
 from highfive.hil.arm.arm_options import VIRTUAL, ArmOptions
 from highfive.hil.arm.arm_trial import ArmTrial, ArmWatch
 from highfive.hil.arm.contact_outcome import ContactOutcome, judged, notice, reference_in
-from highfive.hil.arm.driven_arm import virtual_driven_arm
 from highfive.hil.arm.fingerprint import fingerprint
 from highfive.hil.arm.hidden_arm import TEMPLATE, HiddenTruth, drawn_truth
-from highfive.hil.arm.hidden_rig import CameraFaults, PlateCamera, hidden_bus
+from highfive.hil.arm.hidden_rig import hidden_bus
 from highfive.hil.arm.lifecycle import session_planner, virtual_arm
 from highfive.hil.arm.planner import Retarget
-from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.bench.live_people import System, frames_of, parts, people
 from highfive.hil.commands.calibrate_extrinsics import ExtrinsicsOptions, checked_extrinsics, fitted, measured
+from highfive.hil.commands.calibration_room import hidden_room
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.console import Bar
@@ -49,11 +48,9 @@ from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.playout import KinematicPlayOut
 from highfive.hil.trials.frame_link import FrameLink, SentFrames
-from highfive.hil.trials.live_partner import LiveTrial, live_source
+from highfive.hil.trials.live_partner import LiveTrial
 from highfive.hil.trials.partners import Partner
-from highfive.hil.trials.plate_wiring import camera_wiring
 from highfive.hil.trials.trial import run_trial
-from highfive.mocap_bridge.files.recording import EVERYBODY
 from highfive.mocap_bridge.frames import MarkerFrame
 from highfive.mocap_bridge.sources.live import LiveSource
 from highfive.model.errors import HighFiveError
@@ -109,14 +106,9 @@ def calibrated_at_the_wire(truth: HiddenTruth, folder: Path, bar: Bar, poses: in
     plate, arm = folder / "plate.toml", ArmOptions(VIRTUAL, slow=True)
     plate.write_text(template_text(TEMPLATE))
     run = checked_extrinsics(ExtrinsicsOptions(arm, ADDRESS, plate, poses, out=folder / "calibrated.toml"))
-    with VirtualClock(truth.seed) as clock:
-        bus, plant = hidden_bus(truth, load_rig())
-        camera = PlateCamera(clock, truth, plant, CameraFaults())
-        with closing(live_source(ADDRESS, EVERYBODY, camera_wiring(clock, camera))) as source:
-            watch = PlateWatch(source, TEMPLATE, clock)
-            with virtual_driven_arm(VirtualRig(clock, bus), arm, default_arm(), watch.in_the_way) as drive:
-                taken = measured(run, drive, watch, bar)
-        fitted(run, taken, drive.moving_s)
+    with hidden_room(truth, arm, TEMPLATE) as room, room.driven(default_arm()) as drive:
+        taken = measured(run, drive, room.watch, bar)
+    fitted(run, taken, drive.moving_s)
     return run.options.out
 
 

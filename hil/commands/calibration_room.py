@@ -10,7 +10,7 @@ from highfive.calibration.plate_template import PlateTemplate
 from highfive.hil.arm.arm_files import rig_of
 from highfive.hil.arm.arm_options import ArmOptions
 from highfive.hil.arm.driven_arm import driven_arm, virtual_driven_arm
-from highfive.hil.arm.hidden_arm import drawn_truth
+from highfive.hil.arm.hidden_arm import HiddenTruth, drawn_truth
 from highfive.hil.arm.hidden_rig import CameraFaults, PlateCamera, hidden_bus
 from highfive.hil.arm.plate_watch import PlateWatch
 from highfive.hil.arm.posture_drive import PostureDrive
@@ -61,8 +61,14 @@ def calibration_room(
             watch = PlateWatch(frames, template, MACHINE_WIRING.clock)
             yield CalibrationRoom(watch, arm.port, MACHINE_LINES, lambda body: driven_arm(arm, body, watch.in_the_way))
         return
-    truth = drawn_truth(seed)
-    with VirtualClock(seed) as clock:
+    with hidden_room(drawn_truth(seed), arm, template) as room:
+        yield room
+
+
+@contextmanager
+def hidden_room(truth: HiddenTruth, arm: ArmOptions, template: PlateTemplate) -> Iterator[CalibrationRoom]:
+    """The virtual time of a hidden arm, and cameras with noise, gaps and swapped labels that see its plate."""
+    with VirtualClock(truth.seed) as clock:
         bus, plant = hidden_bus(truth, rig_of(find_arm(arm.arm), arm.rig))
         wiring = camera_wiring(clock, PlateCamera(clock, truth, plant, CameraFaults()))
         with closing(live_source(CAMERAS, EVERYBODY, wiring)) as frames:

@@ -197,8 +197,7 @@ class ArmLoop:
         if self._standing.state in HALTED and not follows:  # that servos are silent says less than that nobody asks
             return self._standing.reason
         if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
-            pulled = self.estop.pulled_ns is not None
-            return self._arm.trouble or ("the emergency stop was pulled" if pulled else "the arm was stopped")
+            return self._arm.trouble or self.estop.said or "the arm was stopped"
         return ""
 
     @property

@@ -249,8 +249,7 @@ class PostureDrive:
         if self._standing.state in HALTED:
             raise HighFiveError(f"the arm was stopped: {self._standing.reason}")
         if self._arm.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
-            pulled = ": the emergency stop was pulled" if self._estop.pulled_ns is not None else ""
-            raise HighFiveError(self._arm.trouble or f"the arm was stopped{pulled}")
+            raise HighFiveError(self._arm.trouble or ": ".join(filter(None, ("the arm was stopped", self._estop.said))))
 
     def _tick(self, wanted: Array | None, *, run: bool) -> None:
         now, newest = self.clock.now(), self._arm.newest()

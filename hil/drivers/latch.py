@@ -27,6 +27,14 @@ class Cause(IntEnum):
     PAGE = 5
 
 
+_HOW = {
+    Cause.KEY: " by a key",
+    Cause.PIPE: " through its pipe",
+    Cause.SIGNAL: " by a signal, such as Ctrl-C or SIGTERM",
+    Cause.PAGE: " on the page",
+}
+
+
 class Latch:
     """One emergency stop, for every thread and every process that it is passed to (as an argument of ``Process``).
 
@@ -58,6 +66,11 @@ class Latch:
     def cause(self) -> Cause:
         """What pulled it."""
         return Cause(self._words[1]) if self._words[0] else Cause.NOTHING
+
+    @property
+    def said(self) -> str:
+        """That it was pulled, and by what; empty while it is not."""
+        return f"the emergency stop was pulled{_HOW.get(self.cause, '')}" if self._words[0] else ""
 
     def fileno(self) -> int:
         """Readable while it is pulled. Read nothing from it."""

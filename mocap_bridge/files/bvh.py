@@ -102,6 +102,8 @@ def _describe(joint: _Joint, kind: str, words: list[str], where: str) -> None:
         if len(words) != 3:
             raise HighFiveError(f"{where}: the OFFSET of {joint.name} has {len(words)} numbers, expected 3")
         joint.offset = np.array([number(word, where) for word in words])
+        if not np.isfinite(joint.offset).all():
+            raise HighFiveError(f"{where}: the OFFSET of {joint.name} is {' '.join(words)}; expected three lengths")
         return
     unknown = [word for word in words[1:] if word.lower() not in _CHANNELS]
     if unknown or not words or words[0] != str(len(words) - 1):

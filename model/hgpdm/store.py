@@ -113,7 +113,8 @@ def load_model(path: Path | str = DEFAULT_MODEL, skeleton_hash: str | None = Non
         HighFiveError: no such file, not a model, truncated, of another version or another skeleton.
     """
     if not Path(path).is_file():
-        raise HighFiveError(f"no model file {path}; `highfive train` makes one")
+        what = f"{path} is no file" if Path(path).exists() else f"no model file {path}"
+        raise HighFiveError(f"{what}; `highfive train` makes one")
     try:
         metadata, arrays = _read(Path(path))
     except (*_UNREADABLE, OSError) as error:

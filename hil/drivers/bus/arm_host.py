@@ -96,8 +96,9 @@ class ArmHost:
                 except EOFError:
                     break
             if self.mode in (Mode.STOPPED, Mode.PORT_LOST, Mode.ENDED):
-                pulled = "the emergency stop was pulled" if self.estop.pulled_ns is not None else "the arm was stopped"
-                raise HighFiveError(self.trouble or f"{pulled} before the arm was made ready")
+                raise HighFiveError(
+                    self.trouble or f"{self.estop.said or 'the arm was stopped'} before the arm was made ready"
+                )
             self._look_again()
         raise HighFiveError(self.trouble or f"the arm's servos were not switched on within {timeout_s:g} s")
 

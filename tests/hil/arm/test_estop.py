@@ -49,7 +49,7 @@ def pulled(latch: Latch, seconds: float) -> bool:
 def test_a_latch_keeps_the_first_pull() -> None:
     latch = Latch()
     assert latch.pulled_ns is None
-    assert latch.cause is Cause.NOTHING
+    assert latch.cause is Cause.NOTHING and not latch.said
     assert not pulled(latch, 0.0)
     before = time.monotonic_ns()
     latch.pull(Cause.PIPE)
@@ -58,6 +58,7 @@ def test_a_latch_keeps_the_first_pull() -> None:
     assert before <= first <= time.monotonic_ns()
     latch.pull(Cause.KEY)
     assert (latch.pulled_ns, latch.cause) == (first, Cause.PIPE)
+    assert latch.said == "the emergency stop was pulled through its pipe"
     assert pulled(latch, 0.0)
     assert pulled(latch, 0.0)  # waiting takes nothing away
 

@@ -99,6 +99,7 @@ TEXT = made()
         (TEXT.replace("Zrotation", "Wrotation", 1), "Wrotation"),
         (TEXT.replace("OFFSET 0.5 10 0", "OFFSET 0.5 10"), "the OFFSET of Spine has 2 numbers"),
         (TEXT.replace("OFFSET 0.5 10 0", ""), "Spine has no OFFSET"),
+        (TEXT.replace("OFFSET 0.5 10 0", "OFFSET 0.5 nan 0"), "the OFFSET of Spine is 0.5 nan 0; expected three"),
         (TEXT.replace("JOINT Leg", "JOINT Spine"), "Spine, Spine_end there twice"),
         (TEXT.replace("JOINT Leg", "JOINT"), "a joint without a name"),
         (TEXT.replace("ROOT B", "JOINT B"), "'JOINT B' is out of place"),

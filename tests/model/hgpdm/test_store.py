@@ -52,6 +52,8 @@ def test_truncated_files_are_refused(path: Path, keep: int):
 
 
 def test_other_files_are_refused(tmp_path: Path):
+    with pytest.raises(HighFiveError, match=r"/dev/null is no file"):
+        load_model("/dev/null")
     with pytest.raises(HighFiveError, match="no model file"):
         load_model(tmp_path / "nothing")
     other = tmp_path / "other.safetensors"

@@ -16,6 +16,7 @@ from highfive.hil.experiments.analysis.answers import Answer, tidy_csv
 from highfive.hil.experiments.analysis.counts import CONDITIONS, PersonCounts
 from highfive.hil.report import experiment_figures
 from highfive.hil.report.drawing import Drawing, draw, to_pdf, to_png, to_svg_file
+from highfive.hil.report.experiment_summary import summary_csv
 from highfive.hil.report.experiment_tables import excluded_table, questionnaires_table, ratings_table, times_table
 from highfive.hil.report.page import figures, render, section, table
 from highfive.hil.report.report import DATA, FIGURES, PAGE
@@ -23,13 +24,17 @@ from highfive.hil.runtime.console import counted
 from highfive.hil.runtime.folders import write_file
 
 TRIALS = "trials.csv"
+SUMMARY = "summary.csv"
 SIMULATED = "All participants are simulated: nothing here is a finding about people."
 
 
 def write_experiment(
     folder: Path, result: dict[str, Any], people: Sequence[PersonCounts], answers: Sequence[Answer]
 ) -> Path:
-    """Writes ``report.html``, ``report.json``, ``figures/`` (PNG, SVG, PDF) and ``trials.csv``; returns the page.
+    """Writes ``report.html``, ``report.json``, ``summary.csv``, ``figures/`` (PNG, SVG, PDF) and ``trials.csv``.
+
+    Returns:
+        the page.
 
     Args:
         folder: made if it is not there; an older report in it is replaced.
@@ -55,6 +60,7 @@ def write_experiment(
             files[folder / FIGURES / f"{drawing.name}.{ending}"] = made(drawing.figure)
     if answers:
         files[folder / TRIALS] = tidy_csv(answers)
+    files[folder / SUMMARY] = summary_csv(result)
     files[folder / DATA] = json.dumps(result, indent=2, allow_nan=False, ensure_ascii=False).encode()
     files[folder / PAGE] = _page(result, drawings, answers).encode()
     for path, content in files.items():
@@ -164,6 +170,6 @@ _SHOWN = ("pse", "jnd", "lapse")
 def _files(trials: bool) -> str:
     tidy = f" <code>{TRIALS}</code>: one row a trial." if trials else ""
     return (
-        f"<p><code>{DATA}</code>: all numbers. <code>{FIGURES}/</code>: the figures as PNG, SVG and PDF.{tidy} What "
-        "each figure means: docs/analysis.md.</p>"
+        f"<p><code>{DATA}</code>: all numbers. <code>{SUMMARY}</code>: the tables above, one row a figure. "
+        f"<code>{FIGURES}/</code>: the figures as PNG, SVG and PDF.{tidy} What each figure means: docs/analysis.md.</p>"
     )

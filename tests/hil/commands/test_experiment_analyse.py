@@ -99,6 +99,17 @@ def test_a_study_trial_by_trial_gives_a_page_figures_and_a_tidy_table(analyse, t
     assert found["table"]["B2"]["replay"]["mean"] == pytest.approx((sum(right) + 3) / (36 + 9))
     assert json.loads((study / "report.json").read_text()) == {k: v for k, v in found.items() if k != "page"}
 
+    with (study / "summary.csv").open() as file:
+        at = ("table", "condition", "item", "figure")
+        rows = {tuple(row[key] for key in at): row for row in csv.DictReader(file)}
+    assert rows["recognition", "replay", "B2", "rate"]["estimate"] == repr(found["table"]["B2"]["replay"]["mean"])
+    moved = rows["psychometric", "interactive - replay", "", "shift of the pse"]
+    assert [float(moved[key]) for key in ("low", "high")] == shift["interval"] and moved["range"] == "95% interval"
+    angry = rows["emotions", "interactive", "angry", "rate"]
+    rate = found["confusion"]["interactive"]["emotions"]["angry"]["mean"]
+    assert (angry["n"], float(angry["estimate"])) == ("36", rate)
+    assert len(rows) == 3 * 3 + 1 + 2 * 3 * 3 + 2 * (3 * 3 + 2) + 1
+
     code, _, err = analyse("--trials", "trials.csv", "--out", "study")
     assert code == 2 and "study holds something already" in err
 

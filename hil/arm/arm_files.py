@@ -21,7 +21,7 @@ def limits_of(folder: ArmFolder, file: Path | None = None) -> Limits:
     Raises:
         HighFiveError: as :func:`highfive.hil.safety.limits_file.load_limits`, or they are of another arm.
     """
-    own = FILE if folder == find_arm(DEFAULT_ARM) else folder.folder / "limits.toml"
+    own = limits_file(folder)
     if file is None and not own.is_file():
         raise HighFiveError(f"{folder.folder} has no {own.name}; draft one: highfive rig draft {folder.folder}")
     return load_limits(file or own, ceilings_of(folder))
@@ -32,6 +32,11 @@ def ceilings_of(folder: ArmFolder) -> Ceilings:
     body = compiled_body(folder)
     stops = tuple((float(low), float(high)) for low, high in zip(body.low, body.high, strict=True))
     return Ceilings(folder.names, stops, tuple(folder.stall_currents.tolist()), tuple(folder.voltages.tolist()))
+
+
+def limits_file(folder: ArmFolder) -> Path:
+    """Where an arm's limits stand."""
+    return FILE if folder == find_arm(DEFAULT_ARM) else folder.folder / "limits.toml"
 
 
 def rig_file(folder: ArmFolder) -> Path:

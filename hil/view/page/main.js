@@ -134,7 +134,7 @@ const heard = {
   camera({ granted }) { webcam?.granted(granted); },
   say(text) { spoken(text.message); },
   over(text) {
-    const report = text.report && `The report, on the computer that ran it: ${text.report}`;
+    const report = text.report && `The report, on the computer that ran it, as soon as figures and film are made: ${text.report}`;
     const said = why && text.message.toLowerCase().includes(why.replace(/\.$/, "").toLowerCase());
     notice("over", [said ? "" : why, text.message, report].filter(Boolean).join("\n"));
     linkShown("calm", "over");

@@ -28,8 +28,8 @@ fast: $(READY)  # those of them that do not go by the clock
 clock: $(READY)  # those that do, with nothing beside them
 	$(BIN)/python -m pytest -m "realtime and not slow" $(REALTIME)
 
-slow: $(READY)  ## tests that take long
-	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 12 -m "slow and not sweep and not realtime" $(SLOW)
+slow: $(READY)  ## tests that take long; PART=2/5 for those of every commit and a fifth of the others, as CI runs them
+	$(BIN)/python -m pytest -n auto --dist loadfile --no-loadscope-reorder --durations 12 -m "slow and not sweep and not realtime" $(PART:%=--part %) $(SLOW)
 	$(BIN)/python -m pytest -m "slow and realtime and not sweep" $(REALTIME)
 
 sweep: $(READY)  ## of what CI tries a part, before a release: the other slow cases, a thousand schedules of faults, an arm at each cell, damaged files (an hour)

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import settings
 from jaxtyping import install_import_hook
 from kept import kept
+from parts import shared_out
 
 # What is compiled is kept: for the other workers, for the commands that tests start, and for the next run. JAX looks at
 # where as it is imported.
@@ -68,6 +69,17 @@ LONGEST = (
 )  # fmt: skip
 RANK = {name: rank for rank, name in enumerate(LONGEST)}
 
+# Slow tests that CI runs for every commit, and not one commit in so many: how near palms come, what an arm does beside
+# people, a session's end, what is installed, the site, the examples.
+EVERY_COMMIT = frozenset((
+    "test_contact.py", "test_safety_times.py", "test_session_check.py", "test_rig_session.py",
+    "test_fault_schedules.py", "test_own_body.py", "test_session.py", "test_simulate.py", "test_kills.py",
+    "test_package.py", "test_site.py", "test_messages.py", "test_examples.py",
+))  # fmt: skip
+
+
+USUAL_S = 4.0
+"""s that a slow test takes which does not say how long, on average."""
 
 _OF_SEVERAL = pytest.StashKey[set[str]]()
 
@@ -82,10 +94,28 @@ def pytest_itemcollected(item: pytest.Item) -> None:
     seen.add(name)
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--part", metavar="K/N", help="slow tests of every commit, and of the others' files the Kth of N")
+
+
 @pytest.hookimpl(trylast=True)
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     """The longest first, so that no worker has one left at the end; slow ones by the seconds in their mark."""
+    if part := config.getoption("--part"):
+        _keep_part(config, items, *map(int, part.split("/")))
     items.sort(key=lambda item: (-_seconds(item), RANK.get(item.path.name, len(RANK))))
+
+
+def _keep_part(config: pytest.Config, items: list[pytest.Item], part: int, parts: int) -> None:
+    seconds: dict[str, float] = {}
+    for item in items:
+        if item.path.name not in EVERY_COMMIT:
+            name = item.nodeid.partition("::")[0]
+            seconds[name] = seconds.get(name, 0.0) + (_seconds(item) or USUAL_S)
+    part_of = shared_out(seconds, parts)
+    left = [item for item in items if part_of.get(item.nodeid.partition("::")[0], part - 1) != part - 1]
+    config.hook.pytest_deselected(items=left)
+    items[:] = [item for item in items if item not in set(left)]
 
 
 def _seconds(item: pytest.Item) -> float:

@@ -143,7 +143,7 @@ def test_analyse_answers(run, tmp_path: Path) -> None:
     assert "A1,replay,happy,angry" in (tmp_path / "answers.csv").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(55)
 def test_train_and_score(run, to_learn: Path, tmp_path: Path) -> None:
     scored = dict(re.findall(r"^(\w+) +palm at contact ([\d.]+) cm", run("train_and_score.py", to_learn), re.M))
     assert float(scored["hgpdm"]) < 0.5 * float(scored["mean"])

@@ -88,7 +88,7 @@ def _with_libraries(code: str) -> str:
     return f"import sys; sys.path += {places!r}; {code}"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 def test_installed_wheel_plays_and_its_examples_run_beside_a_users_own_modules(tmp_path: Path) -> None:
     """In an environment of its own, whose libraries are this one's: what is installed is the wheel alone."""
     subprocess.run([sys.executable, "-m", "venv", str(tmp_path / "venv")], check=True)

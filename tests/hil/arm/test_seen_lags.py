@@ -87,7 +87,7 @@ def told(at: Room, line: str) -> None:
     at.hand[0] = 1e-9 * at.clock.now() - 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 def test_parts_and_whole_are_found_and_a_stream_that_changed_is_refused(kept: ArmCalibration) -> None:
     with room(kept) as at:
         limits = limits_of(find_arm())

@@ -49,7 +49,7 @@ def measured(late_s: tuple[float, float]) -> dict[str, ServoLag]:
         return servo_lags(led, ARM, limits_of(ARM.folder), sag=sags(rig, ARM.folder))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_what_a_servo_is_late_by_is_found_joint_by_joint() -> None:
     plain, late = measured((0.0, 0.0)), measured((0.012, 0.006))
     for name, truth in zip(JOINTS, (0.012, 0.006), strict=True):

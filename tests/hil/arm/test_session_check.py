@@ -59,7 +59,7 @@ def slipped(joint: int, degrees: float) -> HiddenTruth:
     return replace(TRUTH, zero=zero)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_an_arm_as_it_was_calibrated_passes(calibration: tuple[Path, ArmCalibration]) -> None:
     check = checked(calibration, TRUTH)
     assert check.trouble == ""
@@ -67,14 +67,14 @@ def test_an_arm_as_it_was_calibrated_passes(calibration: tuple[Path, ArmCalibrat
     assert len(check.off) == POSE_CHECK.poses
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 def test_an_arm_that_slipped_is_refused(calibration: tuple[Path, ArmCalibration]) -> None:
     """By what a shoulder's horn leaves; a base that was moved or turned: ``tests/calibration/test_pose_check.py``."""
     with pytest.raises(HighFiveError, match=r"nothing moves any more: the plate is .* extrinsics again"):
         checked(calibration, slipped(1, 0.5))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_who_stays_in_the_way_keeps_the_arm_from_checking_itself(calibration: tuple[Path, ArmCalibration]) -> None:
     with pytest.raises(HighFiveError, match="somebody is in the arm's way"):
         checked(calibration, TRUTH, CameraFaults(visitor=(0.0, 1e9)))

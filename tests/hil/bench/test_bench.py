@@ -21,7 +21,7 @@ def test_made_up_motion_has_the_points_requested_and_comes_from_the_seed():
     assert not np.array_equal(made_up_trials(1001, 12, 4)[0].joints, trials[0].joints)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_bench_gives_every_figure_as_a_positive_number():
     options = BenchOptions(300, 12, 10, sizes=(200, 300), repeats=1, steps=5, training=False)
     result = json.loads(json.dumps(bench_model(options, silent)))

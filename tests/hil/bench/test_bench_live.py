@@ -75,7 +75,7 @@ def test_people_whom_nobody_touched_have_no_figures() -> None:
     }
 
 
-@pytest.mark.slow
+@pytest.mark.slow(85)
 def test_palms_meet_at_any_rate_as_they_do_at_120_hz(capsys: pytest.CaptureFixture[str]) -> None:
     """The same people at each rate: a median of so few differs by a quarter from that of others like them."""
     found = bench_rates(RatesOptions((30.0, 60.0, 120.0, 500.0), ("A1", "A3", "B2", "C1", "C3")), quiet)

@@ -150,7 +150,7 @@ def test_plain_filters_follow_what_goes_on_as_they_expect():
 
 
 @pytest.mark.data
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_the_real_recording_is_compared_where_it_was_left_out(recordings: Path):
     case = real_recording(recordings / "markers" / "85_12.c3d", frames=480)
     assert {name for m, name in enumerate(case.marker_set.names) if case.hidden[:, m].any()} == {
@@ -167,7 +167,7 @@ def test_a_recording_that_is_of_no_use_is_reported_at_once(tmp_path: Path):
             bench_tracker.bench_tracker(TrackerBenchOptions(real=path), silent)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(25)
 def test_every_protocol_is_measured():
     """That each brings every frame is tested where time decides nothing: with ``serve``, and with live sources."""
     result = json.loads(json.dumps(bench_protocols(ProtocolBenchOptions(seconds=2.0), silent), allow_nan=False))

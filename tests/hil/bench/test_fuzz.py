@@ -113,7 +113,7 @@ def _judged(folder: Path, said: Any) -> None:
     said.send([worker.wrong(Seed(b"x", read), b"x") for read in CASES])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(55)
 def test_what_no_reader_may_do_is_seen(tmp_path: Path) -> None:
     context = multiprocessing.get_context("spawn")
     heard, said = context.Pipe(duplex=False)

@@ -62,7 +62,7 @@ def clock() -> Iterator[VirtualClock]:
         yield clock
 
 
-@pytest.mark.slow
+@pytest.mark.slow(35)
 def test_it_answers_and_goes_the_same_way_again_and_rests_after_each_trial(clock: VirtualClock, tmp_path: Path) -> None:
     with ExitStack() as stack:
         run = Run(clock, stack, tmp_path)
@@ -82,7 +82,7 @@ def test_it_answers_and_goes_the_same_way_again_and_rests_after_each_trial(clock
     assert all(np.abs(way[-1] - ways[0][0]).max() < 0.03 for way in ways)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_an_arm_that_does_not_answer_is_not_played_to_who_stays_within_its_reach(
     clock: VirtualClock, tmp_path: Path
 ) -> None:
@@ -100,7 +100,7 @@ def test_an_arm_that_does_not_answer_is_not_played_to_who_stays_within_its_reach
         assert run.play("I2", "interactive", 3).contact_ns  # it is fit to answer her again
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_what_is_broken_off_brings_the_arm_to_rest_and_what_stops_it_ends_the_run(
     clock: VirtualClock, tmp_path: Path
 ) -> None:

@@ -172,7 +172,7 @@ def test_drift_is_said_once_and_its_absence_not_at_all(moved_m: float, clock: Vi
         assert "register it anew" in said[0] and "highfive calibrate headset" in said[0]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(25)
 @pytest.mark.parametrize("off_m", [0.0, 0.05])
 def test_a_session_over_the_wire_says_when_the_headset_is_not_where_it_was_registered(
     off_m: float, tmp_path: Path

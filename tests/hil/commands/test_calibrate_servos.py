@@ -116,7 +116,7 @@ def measured(twice: Measured) -> Seen:
     return twice.seen
 
 
-@pytest.mark.slow
+@pytest.mark.slow(90)
 def test_what_servos_do_not_say_is_found(kept: Path, twice: Measured, tmp_path: Path) -> None:
     measured = twice.seen
     run, truth, shown = wanted(kept, tmp_path / "new.toml"), now_there(), []

@@ -134,7 +134,7 @@ def test_every_simulated_person_reaches_the_shoulder_that_she_taps() -> None:
         assert np.ptp(moved[taps.recording.valid], axis=0).max() < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_a_live_person_taps_and_one_who_does_not_is_broken_off(clock: VirtualClock, tmp_path: Path) -> None:
     clips = load_clips(SIMULATED, TIPPING)
     recording = simulated_partners(1, ("neutral",), ("B3",), 3)[0].recording

@@ -55,7 +55,7 @@ def test_an_interrupted_one_says_whether_anything_is_kept(tmp_path: Path):
     assert after_interruption(options) == f"; the same command goes on from {tmp_path / 'out' / 'models'}"
 
 
-@pytest.mark.slow
+@pytest.mark.slow(25)
 def test_a_windows_file_gives_scores_of_all_methods(file: Path):
     result = run("--windows", file, "--seeds", 2, "--inducing", 12, "--json")
     assert result.exit_code == 0, result.output
@@ -70,7 +70,7 @@ def test_a_windows_file_gives_scores_of_all_methods(file: Path):
     assert found["smallest"]["hgpdm"] != found["largest"]["hgpdm"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(25)
 def test_a_learning_curve_over_sequences_has_each_method_and_goes_on_where_it_was(file: Path, tmp_path: Path) -> None:
     words = ["--windows", file, "--seeds", 1, "--inducing", 12, "--learning-curve", "2,3,9", "--json"]
     result = run(*words, "--out", tmp_path / "out")

@@ -150,7 +150,7 @@ def test_what_is_wrong_is_one_line(words: list[str], says: str, fails, tmp_path:
     assert not (tmp_path / "data").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(50)
 def test_two_served_people_fill_a_folder_that_a_model_is_trained_on(tmp_path: Path) -> None:
     """Over sockets, by page: killed in between, gone on with, and read by what training reads."""
     write_c3d(tmp_path / "pair.c3d", pair())

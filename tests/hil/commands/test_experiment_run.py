@@ -248,7 +248,7 @@ def _check_company(
         assert recorded[0] == "session_start" and recorded.count("session_end") == 1
 
 
-@pytest.mark.slow
+@pytest.mark.slow(50)
 def test_trials_are_played_recorded_and_shown_again_as_they_were(tmp_path: Path, observer: Path) -> None:
     configure(local_only=True)
     folder, hearing, stimuli = small(tmp_path), Hearing(4), Stimuli()

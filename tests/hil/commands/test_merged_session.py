@@ -53,7 +53,7 @@ def moved(recording: Recording) -> Recording:
     return make_recording(recording.rate_hz, recording.names, points, recording.valid)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_two_systems_are_one_body_and_two_streams_each_with_its_own_clock(
     tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:

@@ -173,7 +173,7 @@ def stop(process: subprocess.Popen[str], number: signal.Signals, started: Callab
         return process.communicate()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_ctrl_c_leaves_a_finished_report_and_a_kill_leaves_whole_chunks(tmp_path: Path, captured_file: Path) -> None:
     emotions = [word for emotion in ("happy", "sad") * 20 for word in ("--emotion", emotion)]
     words = ["--source", captured_file, "--human", "human", "--no-pictures", "--json", *emotions]

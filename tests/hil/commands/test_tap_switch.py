@@ -100,7 +100,7 @@ def test_what_counts_as_a_tap(follow: Callable[..., TapSwitch], chunks: list[tup
     assert found == taps
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_the_clip_begins_with_the_switch_and_the_row_has_its_time(
     follow: Callable[..., TapSwitch], tmp_path: Path
 ) -> None:

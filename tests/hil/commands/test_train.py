@@ -174,7 +174,7 @@ def stopped(lab: Path, out: Path, kind: signal.Signals, *words: str) -> tuple[in
         return process.returncode if process.poll() is not None else process.wait(), process.stderr.read()  # type: ignore
 
 
-@pytest.mark.slow
+@pytest.mark.slow(100)
 def test_after_ctrl_c_and_after_a_kill_the_same_command_goes_on_to_the_same_model(lab: Path, tmp_path: Path) -> None:
     words = ("--iterations", "100")
     whole = run(lab, tmp_path / "whole.safetensors", *words, "--json")
@@ -197,7 +197,7 @@ def test_after_ctrl_c_and_after_a_kill_the_same_command_goes_on_to_the_same_mode
     assert len(curve) == 100 and curve[-1] == pytest.approx(json.loads(end.stdout)["objective"])
 
 
-@pytest.mark.slow
+@pytest.mark.slow(45)
 @pytest.mark.parametrize(("kibibytes", "kept"), [(16, False), (200, True)])
 def test_a_full_disk_is_said_in_one_line(lab: Path, tmp_path: Path, kibibytes: int, kept: bool) -> None:
     """A limit to the size of files is a full disk that needs no disk to fill: for all, or for the model alone."""
@@ -240,7 +240,7 @@ def test_the_shipped_model_is_adapted_to_a_folder_and_says_what_moved(lab: Path,
     assert "cannot be told from so few" in summary(result)[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(95)
 def test_two_hosts_train_one_model_that_the_first_writes(lab: Path, tmp_path: Path) -> None:
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))

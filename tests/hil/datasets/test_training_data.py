@@ -127,7 +127,7 @@ def test_a_table_may_leave_cell_and_repetition_empty_and_have_more_columns(tmp_p
     assert (row.file, row.emotion, row.cell, row.repetition, row.test) == ("a.c3d", "happy", "", -1, True)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(50)
 def test_a_model_trained_on_a_small_capture_answers_a_session(
     captured: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
 ) -> None:

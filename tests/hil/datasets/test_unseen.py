@@ -233,7 +233,7 @@ def test_the_real_high_five_in_pieces(recordings: Path, tmp_path: Path) -> None:
     assert [row.test for row in read_table(tmp_path)] == [False, False, False]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(35)
 def test_a_model_is_trained_on_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -52,7 +52,7 @@ def test_a_training_has_one_key_on_all_hosts_and_another_for_anything_else(trial
     assert len({one.key, *(other.key for other in others)}) == 5
 
 
-@pytest.mark.slow
+@pytest.mark.slow(35)
 def test_processes_share_out_trainings_and_leave_what_one_alone_would(trials: tuple[Trial, ...], tmp_path) -> None:
     preset = SMALL.with_iterations(6)
     work = [Training("", trials, preset, 10, seed) for seed in (0, 1)]

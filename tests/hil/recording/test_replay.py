@@ -146,7 +146,7 @@ def both_again(path: Path, person: Partner, corrected: bool) -> Replay:
     return replay
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_a_session_without_correction_is_played_again_to_the_last_bit(person: Partner, tmp_path: Path) -> None:
     without = both_again(recorded_twice(tmp_path / "without.mcap", person, False), person, True)
     assert without.same == without.ticks > 400 and without.differs == []

@@ -113,7 +113,7 @@ def test_strips_show_the_moments(visible, results):
     assert all(np.array_equal(a, b) for (_, a), (_, b) in zip(strips[0].pictures, again[0].pictures, strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_film_is_as_long_as_its_shots(visible, results, tmp_path):
     counted, path = [], tmp_path / "film.mp4"
     made = make_film(visible, results[2:3], path, lambda label, total: lambda: counted.append(total))

@@ -190,7 +190,7 @@ def test_a_browser_without_a_headset_offers_none(emulator: str, tmp_path: Path) 
         process.kill()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_what_is_said_is_read_before_the_eyes_for_some_seconds_and_the_page_says_how_to_enter(emulator: str) -> None:
     about = {"mode": "session", "title": "", "emotions": [], "cells": [], "tracks": True}
     notice = "document.getElementById('notice').textContent"
@@ -246,7 +246,7 @@ def still(number: int = 0) -> PoseMessage:
     return PoseMessage(number, now, now, 0, 1.0, 0.5, bodies, np.zeros((0, 3)), np.zeros(0, dtype=bool))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_she_is_told_in_the_headset_how_it_stands_and_let_out_of_the_dark_with_the_reason(emulator: str) -> None:
     about = {"mode": "session", "title": "", "emotions": [], "cells": [], "tracks": True}
     with LivePage(about, port=0, tracks=True) as page, Browser((640, 360)) as browser:
@@ -332,7 +332,7 @@ def newest(browser: Browser) -> HeadsetPose:
     return decode_headset(bytes(browser.evaluate("window.sentBytes")))
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_what_the_page_sends_is_where_head_and_hands_are_before_the_avatar(emulator: str, tmp_path: Path) -> None:
     """Into the world, by the place that the page gave her: lost, seen again, re-centred, reloaded, and left."""
     session = Session(emulator, "headset", "--trials", 40, "--out", tmp_path / "s")
@@ -395,7 +395,7 @@ def test_what_the_page_sends_is_where_head_and_hands_are_before_the_avatar(emula
         session.process.communicate()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 def test_high_fives_in_four_emotions_and_a_second_headset_that_only_shows(emulator: str, tmp_path: Path) -> None:
     session = Session(emulator, "headset", "--trials", 4, "--out", tmp_path / "s")
     try:
@@ -430,7 +430,7 @@ def test_high_fives_in_four_emotions_and_a_second_headset_that_only_shows(emulat
         session.process.kill()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(25)
 def test_a_headset_that_sleeps_ends_the_session_with_a_line(emulator: str, tmp_path: Path) -> None:
     session = Session(emulator, "headset", "--trials", 40, "--out", tmp_path / "s")
     try:

@@ -52,7 +52,7 @@ def check_recorded(folder: Path, changed: str) -> None:
     assert "each answered in the emotion of the person" not in page and "bit for bit" not in page
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_a_session_is_shown_and_does_what_the_page_asks(tmp_path: Path) -> None:
     cells = ("--cell", "B2", "--cell", "B3")
     watched = Watched("simulate", "--view", "--trials", 4, *cells, "--no-pictures", "--json", "--out", tmp_path / "s")

@@ -194,7 +194,7 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_the_nets_find_a_rendered_person_where_she_is(
     nets: Path, video: Path, monkeypatch: pytest.MonkeyPatch, forget_package: None
 ) -> None:

@@ -103,7 +103,7 @@ def told(link: ClientConnection, kind: str) -> dict[str, object] | None:
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.slow(25)
 def test_the_session_and_the_page_say_that_another_headset_has_taken_over(caplog: pytest.LogCaptureFixture) -> None:
     scene = build_scene()
     session = Session(

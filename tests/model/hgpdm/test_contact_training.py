@@ -21,7 +21,7 @@ def test_a_share_is_that_of_least_variance(arm: float, hand: float, share: float
     assert found == min(ARM_SHARES, key=lambda one: abs(one - exact)) == pytest.approx(share)
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_many_frames_get_more_inducing_inputs(model: HGPDM) -> None:
     rng = np.random.default_rng(0)
     trials = [with_arm(made_up_trial(goal, e, 60.0, rng)) for goal in (0.3, 0.5, 0.7) for e in EMOTIONS]

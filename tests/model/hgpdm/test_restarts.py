@@ -128,7 +128,7 @@ CHILD = """
 """
 
 
-@pytest.mark.slow
+@pytest.mark.slow(35)
 def test_killed_by_the_system_it_goes_on_to_the_same_model(tmp_path: Path):
     """SIGKILL in the middle of the second seed of a real training; the files of the models are the same."""
     code = textwrap.dedent(CHILD.format(tests=str(HELPERS)))

@@ -82,7 +82,7 @@ def test_what_is_there_is_kept_and_shipped_arms_are_not_drafted(draft, fails, ow
     assert draft(own, "--overwrite")[0] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(40)
 def test_it_meets_hands_where_it_reaches(draft, contact, own: Path) -> None:
     assert draft(own)[0] == 0
     words = ["--player", "twin", "--cell", "B2", "--emotion", "neutral", "--json"]

@@ -9,7 +9,7 @@ from command_line import running
 run = running("rig", "reach")
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 def test_the_map_goes_to_a_folder_of_results(run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     (tmp_path / "out" / "reach-1").mkdir(parents=True)

@@ -124,7 +124,7 @@ def assert_first_is_whole(summary: dict[str, Any], out: Path, recorded: Path) ->
     assert json.loads((out / "report.json").read_text(encoding="utf-8"))["stopped"] == summary["stopped"]
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 def test_a_session_is_recorded_reported_and_can_be_played_again(tmp_path: Path) -> None:
     options = SimulateOptions(
         trials=1, emotions=("neutral",), cells=("B1",), pictures=False, arm=ArmOptions(VIRTUAL), seed=0
@@ -145,7 +145,7 @@ def test_a_session_is_recorded_reported_and_can_be_played_again(tmp_path: Path) 
     assert (tmp_path / "again" / "report.html").is_file()
 
 
-@pytest.mark.slow
+@pytest.mark.slow(20)
 def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(tmp_path: Path) -> None:
     """The arm stands, one line says why, and the high five before it is in a recording that is whole."""
     why = "the servo of shoulder reports overload"
@@ -164,7 +164,7 @@ def test_what_breaks_during_a_session_stops_the_arm_and_keeps_what_was_played(tm
     assert row["bound_ms"] == row["offset_s"] == row["resets"] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.slow(15)
 @pytest.mark.parametrize("how", ["pipe", "signal"])
 def test_an_emergency_stop_ends_the_session_and_keeps_what_was_played(how: str, tmp_path: Path) -> None:
     pipe, out = tmp_path / "stop", tmp_path / "out"

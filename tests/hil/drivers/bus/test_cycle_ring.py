@@ -121,7 +121,7 @@ def ours(lock: Any) -> bool:
     return bool(lock.acquire())
 
 
-@pytest.mark.slow
+@pytest.mark.slow(25)
 def test_a_million_exchanges_tear_lose_and_reorder_nothing() -> None:
     context = multiprocessing.get_context("spawn")
     raw, lock = context.RawArray("b", ring_size(JOINTS)), context.RLock()

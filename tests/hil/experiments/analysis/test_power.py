@@ -58,7 +58,7 @@ def test_people_needed_is_the_first_number_that_will_do() -> None:
     assert needed is not None and 9 <= needed <= 13  # .66 with 8, .85 with 12
 
 
-@pytest.mark.slow
+@pytest.mark.slow(30)
 def test_rates_are_found_as_the_table_says() -> None:
     for (trials, difference), powers in RATES.items():
         for people, expected in zip(PEOPLE, powers, strict=True):

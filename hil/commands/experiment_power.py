@@ -159,6 +159,8 @@ def print_power(result: dict[str, Any]) -> None:
         needed = f"over {result['most_people']}" if row["needed"] is None else str(row["needed"])
         shown.add_row(f"{row['effect']:g}", *(f"{one:.2f}" for one in row["power"]), needed)
     STDOUT.print(shown)
+    compared = "PSE in interaction and in replays" if shift else "rate of right answers in interaction and in replays"
+    say(f"Compared: the same people's {compared}; one style against another, or against chance, is not")
     assumed = result["assumed"]
     if shift:
         who = f"each PSE ± {assumed['pse_error']:.3f}, its shift ± {assumed['shift_spread']:g} between people"

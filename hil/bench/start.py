@@ -133,7 +133,7 @@ def bench_start(options: StartOptions, bar: Bar) -> dict[str, Any]:
             "stream": (["stream", recording, "--seconds", "0"], None),
             "simulate": (["simulate", *ONE, "--no-pictures", "--overwrite"], r"high five\D*1/1"),
         }
-        done = bar("commands", options.repeats * (len(commands) + len(ways)) + len(ways))
+        done = bar("commands", options.repeats * (len(commands) + len(ways)) + len(ways) + len(ALSO))
         helps = {}
         for way in commands:
             runs = []
@@ -151,7 +151,10 @@ def bench_start(options: StartOptions, bar: Bar) -> dict[str, Any]:
                 done()
             firsts[name] = round(median(run.seconds if shows is None else run.first_s or 0.0 for run in runs), 2)
             memory[name] = round(max(run.memory_mb for run in runs))
-        memory["simulate, with film and report"] = round(_ended(["simulate", *ONE, "--overwrite"], folder).memory_mb)
+        (folder / "observer.toml").write_text(OBSERVER)
+        for name, arguments in ALSO.items():
+            memory[name] = round(_ended(arguments.split(), folder).memory_mb)
+            done()
     return {
         "help_s": helps,
         "first_s": firsts,
@@ -162,6 +165,26 @@ def bench_start(options: StartOptions, bar: Bar) -> dict[str, Any]:
 
 
 ONE = ("--trials", "1", "--emotion", "neutral", "--cell", "B2", "--out", "session")
+SIMULATED = "--study study --no-avatar --simulate-participant observer.toml"
+OBSERVER = "seed = 1\n[interactive]\nright = 0.85\n[replay]\nright = 0.75\n"
+ALSO = {
+    "simulate, with film and report": f"simulate {' '.join(ONE)} --overwrite",
+    "simulate --rig virtual": "simulate --trials 1 --cell B2 --rig virtual --no-pictures --out with_arm",
+    "export --to csv": "export session --to csv --out tables",
+    "export --to glb": "export session --to glb --out animation",
+    "rig reach --quick": "rig reach --quick --picture reach.png",
+    "experiment plan": "experiment plan --template high_five",
+    "experiment plan --study": "experiment plan high_five.toml --study study",
+    "experiment power": "experiment power high_five.toml",
+    "experiment run --no-avatar": f"experiment run --participant P00 {SIMULATED}",
+    "experiment run --no-avatar, of the next": f"experiment run --participant P01 {SIMULATED}",
+    "experiment analyse": "experiment analyse study --out results",
+    "capture": "capture --emotion angry --repetitions 2 --test-repetitions 1 --out captured",
+    "train, 9 trials": "train captured --iterations 50 --no-distractors --out small.safetensors",
+    "evaluate": "evaluate default captured --seeds 1 --no-false-starts",
+}
+"""Commands whose memory alone is looked at, once each and in this order: some need what those before leave."""
+
 CAUSES = {
     "--help": "highfive.hil.cli.main",
     "track": "highfive.hil.commands.track",

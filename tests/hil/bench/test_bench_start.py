@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from highfive.hil.bench.installed import installed_sizes
-from highfive.hil.bench.start import CAUSES, StartOptions, bench_start, print_start, started
+from highfive.hil.bench.start import ALSO, CAUSES, StartOptions, bench_start, print_start, started
 from highfive.model.errors import HighFiveError
 
 
@@ -40,6 +40,8 @@ def test_all_commands_start_and_the_figures_are_there(capsys: pytest.CaptureFixt
     found = bench_start(StartOptions(repeats=1), quiet)
     assert len(found["help_s"]) > 40 and all(seconds > 0.0 for seconds in found["help_s"].values())
     assert set(found["first_s"]) == {"track", "stream", "simulate"} and min(found["first_s"].values()) > 0.0
+    assert set(found["memory_mb"]) == {"--help", "track", "stream", "simulate", *ALSO}
+    assert all(30.0 < mb < 3000.0 for mb in found["memory_mb"].values())
     assert set(found["causes_s"]) == set(CAUSES) and "scipy" in found["causes_s"]["simulate"]
     print_start(found)
     shown = capsys.readouterr().out

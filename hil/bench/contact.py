@@ -276,9 +276,8 @@ def played_by(
     advance = bar(player, len(references))
     trials: list[ArmTrial] = []
     if player == "twin":
-        loop = twin_loop(arm)
         for it in references:
-            trials.append(played(it, loop))
+            trials.append(played(it, twin_loop(arm)))  # anew: where it came to rest must not tell in the next
             advance()
         return [Played(trial.met) for trial in trials], _commanded(trials, arm)
     results: list[Played] = []

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from highfive.hil.commands.train import model_to_adapt
+from highfive.hil.commands.training_memory import checked_memory
 from highfive.hil.datasets.training_data import load_trials
 from highfive.hil.evaluation.cross_validation import Run, run_protocol, trainings
 from highfive.hil.evaluation.curves import learning_curve
@@ -164,6 +165,8 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path
     unit = "m" if test.person is not None else f"{test.unit}²"
     most = windows.most_sequences(learn)
     counts = [n for n in sorted(set(options.learning_curve)) if n <= most] or [most]
+    if options.learning_curve:
+        _say_left_out(options.learning_curve, counts, "action has", "sequences to learn from")
     count = TrainingCount(bar, options.seeds * len(counts), say_aside)
 
     def scored(part: windows.Windows, seed: int, name: str) -> Scored:
@@ -201,6 +204,15 @@ def _check_counts(folds: Sequence[Fold], preset: Preset) -> None:
             raise HighFiveError(f"--learning-curve: {fold.name} gives {least}; leave that number out")
 
 
+def _say_left_out(asked: Sequence[int], used: Sequence[int], who: str, what: str) -> None:
+    if left := [str(count) for count in sorted(set(asked) - set(used))]:
+        say_aside(f"--learning-curve: no {who} {' or '.join(left)} {what}; the most is {used[-1]}")
+
+
+def _check_memory(lengths: Sequence[float], preset: Preset, options: EvaluateOptions) -> None:
+    checked_memory(lengths, preset, options.inducing, at_once=options.jobs)
+
+
 def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
     model = None if options.model is None else load_model(options.model, avatar_skeleton().hash)
     rows = read_table(folder)
@@ -218,6 +230,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
         lambda total: bar("solving markers", total),
         learn_only=options.locked,
         hold_out=model is None and options.leave_out is None and not options.locked,
+        lengths=(lambda _: None) if model is not None else partial(_check_memory, preset=preset, options=options),
     )
     trials = [pair.trial for pair in pairs] + (_locked_trials(bar) if options.locked else [])
     folds = own_split(trials) if options.leave_out is None else leave_out(trials, options.leave_out)
@@ -225,6 +238,8 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     prior = None if options.start is None else model_to_adapt(options.start)
     parts = [draws(trials, options.learning_curve, seed) for seed in range(options.seeds)]
     if options.learning_curve:
+        used = [int(fold.name.partition(" ")[0]) for fold in parts[0]]
+        _say_left_out(options.learning_curve, used, "style has", "trials to learn from")
         _check_counts([fold for drawn in parts for fold in drawn], preset)
     each = len(parts[0]) if options.learning_curve else trainings(folds, options.leave_out)
     count = TrainingCount(bar, options.seeds * each, say_aside)

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
 from highfive.hil.commands.evaluate import EvaluateOptions
 from highfive.hil.commands.evaluate import evaluate as _evaluate
+from highfive.hil.commands.train import gestures_beside
+from highfive.hil.commands.training_memory import checked_memory
 from highfive.hil.datasets.training_data import load_trials
 from highfive.hil.sim.avatar import avatar_arm, avatar_skeleton
 from highfive.model.hgpdm import training
@@ -26,6 +28,7 @@ def train(
     avatar: str = "avatar",
     human_set: str | None = None,
     avatar_set: str | None = None,
+    distractors: bool = True,
 ) -> HGPDM:
     """Learns a model from the training trials of a folder; :func:`highfive.save_model` keeps it.
 
@@ -37,17 +40,34 @@ def train(
         iterations: steps of the optimiser; None takes the preset's.
         human, avatar: prefixes of the two people's markers.
         human_set, avatar_set: their marker sets; None finds those that fit.
+        distractors: simulates waves, stretches and the like, by which the model learns that no contact is coming,
+            beside the folder's own trials without a contact.
 
     Raises:
         HighFiveError: the data cannot be read or learned from.
     """
-    pairs = load_trials(Path(data), human, avatar, human_set, avatar_set, learn_only=True)
     chosen = preset_named(preset)
     if iterations is not None:
         chosen = chosen.with_iterations(iterations)
-    trials = [pair.trial for pair in pairs]
-    skeleton, chain = avatar_skeleton().hash, avatar_arm()
-    return training.train(trials, chosen, inducing=inducing, seed=seed, skeleton_hash=skeleton, chain=chain)
+
+    def check(lengths: list[float]) -> None:
+        checked_memory(lengths, chosen, inducing)
+
+    pairs = load_trials(Path(data), human, avatar, human_set, avatar_set, learn_only=True, lengths=check)
+    simulating = _untold if distractors else None
+    return training.train(
+        [pair.trial for pair in pairs],
+        chosen,
+        inducing=inducing,
+        seed=seed,
+        skeleton_hash=avatar_skeleton().hash,
+        chain=avatar_arm(),
+        gestures=gestures_beside(Path(data), len(pairs), seed, human, human_set, simulating),
+    )
+
+
+def _untold(_: int) -> Callable[[], None]:
+    return lambda: None
 
 
 def evaluate(

@@ -5,11 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from highfive.hil.commands.training_memory import checked_memory
 from highfive.hil.datasets.gestures import load_gestures
 from highfive.hil.datasets.training_data import SolvedPair, load_trials
 from highfive.hil.evaluation.curves import further_trials
@@ -19,7 +21,6 @@ from highfive.hil.runtime.console import Bar, counted, say_aside
 from highfive.hil.runtime.folders import check_file
 from highfive.hil.sim.avatar import avatar_arm, avatar_skeleton
 from highfive.hil.trials.distractors import drawn_gestures
-from highfive.mocap_bridge.sources.source import RATE_HZ
 from highfive.model.errors import HighFiveError
 from highfive.model.evaluation.learning_curve import gains, proxy_curve
 from highfive.model.files import DEFAULT_MODEL
@@ -28,11 +29,11 @@ from highfive.model.hgpdm import training
 from highfive.model.hgpdm.adaptation import adapt
 from highfive.model.hgpdm.arm_features import have_arms
 from highfive.model.hgpdm.checkpoint import is_checkpoint
-from highfive.model.hgpdm.memory import available_bytes, points_of, training_bytes, trial_bytes
-from highfive.model.hgpdm.presets import Preset, preset_named
+from highfive.model.hgpdm.presets import preset_named
 from highfive.model.hgpdm.sharding import host_count, host_number, join_hosts
 from highfive.model.hgpdm.store import load_model, save_model
 from highfive.model.hgpdm.trained import HGPDM
+from highfive.model.hgpdm.trials import Gesture
 
 SHIPPED = "default"
 """The name of the shipped model, where a model's file could stand."""
@@ -42,9 +43,6 @@ FEW = 10
 
 TRIALS_A_ROUND, MOST_ROUNDS = 27, 4
 """For so many trials each gesture that is no high five is simulated once in each emotion, up to so many times."""
-SAID_GB = 2.0
-"""A training that takes more memory says so beforehand."""
-
 CONVERGED = 1e-3
 """An objective that falls by no more, relatively, over the last tenth of the steps has converged."""
 
@@ -78,6 +76,32 @@ class TrainOptions:
         return self.out.with_name(f"{self.out.name.removesuffix('.safetensors')}.checkpoint.npz")
 
 
+def gestures_beside(
+    data: Path,
+    trials: int,
+    seed: int,
+    human: str,
+    human_set: str | None,
+    simulating: Callable[[int], Callable[[], None]] | None,
+) -> list[Gesture]:
+    """Raised hands to which no contact comes, for a training: those of the folder, and simulated ones.
+
+    Args:
+        data: the folder.
+        trials: how many there are to learn from; of more, more gestures are simulated.
+        seed: of the simulated ones.
+        human, human_set: the person's prefix and marker set.
+        simulating: progress of the simulated ones; None for none of these.
+
+    Raises:
+        HighFiveError: the table cannot be used.
+    """
+    found = load_gestures(data, human, human_set)
+    if simulating is not None:
+        found += drawn_gestures(min(1 + (trials - 1) // TRIALS_A_ROUND, MOST_ROUNDS), seed, simulating)
+    return found
+
+
 def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, Any]:
     """Solves the markers, trains, saves; returns the figures of the training.
 
@@ -101,14 +125,13 @@ def train(options: TrainOptions, bar: Bar, clock: Clock = MACHINE) -> dict[str, 
         preset = preset.with_iterations(options.iterations)
     start = clock.now()
     needed: list[float] = []
-    pairs = _solved(options, bar, lambda lengths: needed.append(_checked_memory(lengths, preset, options)))
+    memory_of = partial(checked_memory, preset=preset, inducing=options.inducing, limit_gb=options.memory_gb)
+    pairs = _solved(options, bar, lambda lengths: needed.append(memory_of(lengths)))
     if len(pairs) < FEW:
         advice = f"--from {SHIPPED} adapts the shipped model to them, evaluate --learning-curve says what is better"
         say_aside(f"{counted(len(pairs), 'trial')} to learn from, {advice}")
-    gestures = load_gestures(options.data, options.human, options.human_set)
-    if options.distractors:
-        rounds = min(1 + (len(pairs) - 1) // TRIALS_A_ROUND, MOST_ROUNDS)
-        gestures += drawn_gestures(rounds, options.seed, lambda total: bar("simulating distractors", total))
+    rounds = partial(bar, "simulating distractors") if options.distractors else None
+    gestures = gestures_beside(options.data, len(pairs), options.seed, options.human, options.human_set, rounds)
     solved = clock.now()
     model = training.train(
         [pair.trial for pair in pairs],
@@ -218,26 +241,6 @@ def _adapt(options: TrainOptions, bar: Bar, clock: Clock) -> dict[str, Any]:
         "seed": options.seed,
         "seconds": round(1e-9 * (clock.now() - begun), 1),
     }
-
-
-def _checked_memory(lengths: Sequence[float], preset: Preset, options: TrainOptions) -> float:
-    """GB that the training will take at its peak, of trials of so many ``lengths``, s; said where it is much.
-
-    Raises:
-        HighFiveError: there is not that much, or it is more than ``--memory``.
-    """
-    joints = 3 * len(avatar_skeleton())
-    shape = points_of(lengths, RATE_HZ, joints, preset)
-    needed = 1e-9 * (trial_bytes(lengths, RATE_HZ, joints) + training_bytes(shape, options.inducing, preset))
-    limit = options.memory_gb or 1e-9 * available_bytes()
-    if needed > SAID_GB:
-        say_aside(f"{shape.points} points will take about {needed:.1f} GB, of {limit:.1f}")
-    if needed > limit:
-        raise HighFiveError(
-            f"{shape.points} points need about {needed:.1f} GB, there are {limit:.1f}: give fewer --inducing, less "
-            "data, or another machine"
-        )
-    return needed
 
 
 def _more_trials(pairs: Sequence[SolvedPair], seed: int) -> dict[str, list[float]]:

@@ -14,6 +14,7 @@ from highfive.model.evaluation.predictions import one_hot
 from highfive.model.geometry.rotations import Array
 from highfive.model.hgpdm.dataset import hand_history
 from highfive.model.hgpdm.trials import Trial
+from highfive.model.online.arm_track import arm_at
 from highfive.model.online.belief import packed
 from highfive.model.online.layer import predict_layer
 from highfive.model.online.reaction import ReactionModel
@@ -40,7 +41,7 @@ def step_times(fitted: Fitted, plain: dict[str, Regression], trial: Trial) -> di
         return lambda frame: regression(task.feature_map(histories[frame : frame + 1]), style[None])
 
     steps: dict[str, Callable[[int], object]] = {
-        "hgpdm": lambda frame: responder.step(trial.hand_points[frame]).joints_std,
+        "hgpdm": lambda frame: responder.step(trial.hand_points[frame], None, arm_at(trial, frame)).joints_std,
         "sparse_gp": lambda frame: predict_layer(layer, task.feature_map(histories[frame]), style)[2],
         **{name: of(regression) for name, regression in plain.items()},
         **{name: _reacting(model, trial) for name, model in fitted.others.items()},

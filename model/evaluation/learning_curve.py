@@ -56,7 +56,8 @@ def fit_power_law(trials: Sequence[float], errors: Sequence[float]) -> PowerLaw:
 def draws(trials: Sequence[Trial], counts: Sequence[int], seed: int) -> list[Fold]:
     """Folds that learn from so many trials of each style (all, where it has fewer), and hold out what is held out.
 
-    The smaller sets of a seed are parts of the larger ones. Numbers of trials that no style has are left out.
+    The smaller sets of a seed are parts of the larger ones. Numbers of trials that no style has are left out; where
+    none is left, all that there is is learned from, and named by how much that is.
     """
     rng = np.random.default_rng(seed)
     order: list[int] = rng.permutation(len(trials)).tolist()
@@ -67,9 +68,8 @@ def draws(trials: Sequence[Trial], counts: Sequence[int], seed: int) -> list[Fol
     most = max(map(len, styles.values()), default=0)
     held = [trial for trial in trials if trial.test]
     folds: list[Fold] = []
-    for count in sorted(set(counts)):
-        if count > most and folds:
-            continue
+    fit = [count for count in sorted(set(counts)) if count <= most]
+    for count in fit or ([most] if counts else []):
         chosen = sorted(index for members in styles.values() for index in members[:count])
         folds.append(Fold(f"{count} a style", (*(trials[index] for index in chosen), *held)))
     return folds

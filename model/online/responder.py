@@ -199,8 +199,8 @@ class Responder:
         A belief that rounding has spoilt, by points that no hand can have, is given up: the hand begins anew.
 
         Raises:
-            HighFiveError: points or covariance have another shape, are not finite or beyond :data:`FURTHEST`, or a
-                variance is negative. The state is as before.
+            HighFiveError: points or covariance, of hand or arm, have another shape, are not finite or beyond
+                :data:`FURTHEST`, or a variance is negative. The state is as before.
         """
         hand = None if hand_points is None else _finite("hand points", hand_points, HAND_SHAPE)
         variance = np.full(HAND_DIMS, HAND_VARIANCE)
@@ -210,7 +210,10 @@ class Responder:
                 raise HighFiveError(f"a variance of {least:g} m² of the hand points; expected 0 or more")
         if arm is not None and self._arm is not None:  # a model that sees the hand alone looks at nothing else
             points = _finite("arm points", arm.points, ARM_SHAPE)
-            arm = ArmPoints(points, _finite("arm covariance", arm.covariance, (*ARM_SHAPE, 3)))
+            spread = _finite("arm covariance", arm.covariance, (*ARM_SHAPE, 3))
+            if (least := float(spread.diagonal(0, 1, 2).min())) < 0.0:
+                raise HighFiveError(f"a variance of {least:g} m² of the arm points; expected 0 or more")
+            arm = ArmPoints(points, spread)
         hand = None if hand is None else hand.reshape(HAND_DIMS)
         surer = self._widest > RETURNS * RETURNS * (widest := float(variance.max()))  # a tracker followed it unseen
         changed = self._belief.started and (surer or (hand is None) == (self._belief.away == 0))
@@ -238,7 +241,13 @@ class Responder:
         return self._response(self._belief.latent, self._belief.covariance, generated, forecast_contact, 0.0)
 
     def skip(self, ticks: int) -> None:
-        """Goes on by some ticks in which nothing was heard of the person, at the cost of about one."""
+        """Goes on by some ticks in which nothing was heard of the person, at the cost of about one.
+
+        Raises:
+            HighFiveError: fewer than none.
+        """
+        if ticks < 0:
+            raise HighFiveError(f"{ticks} ticks cannot be skipped; expected 0 or more")
         self._belief = self._filter.skip(self._belief, ticks)
         if self._arm is not None:
             self._arm.hide(ticks)

@@ -47,6 +47,7 @@ def test_smaller_sets_are_parts_of_larger_ones_and_nothing_held_out_is_learned_f
         assert before <= learned and len(learned) == count * len(EMOTIONS)
         assert [t for t in fold.trials if t.test] == trials[-len(EMOTIONS) :]
         before = learned
+    assert [fold.name for fold in draws(trials, [40], seed=0)] == ["6 a style"]  # named by what is learned from
     assert {id(t) for t in draws(trials, [2], seed=1)[0].trials} != {id(t) for t in folds[0].trials}
 
 

@@ -173,6 +173,14 @@ def test_points_that_no_arm_has_are_refused(armed: HGPDM, trial: Trial, points: 
 
 
 @pytest.mark.slow
+def test_a_variance_below_zero_is_refused(armed: HGPDM, trial: Trial) -> None:
+    assert trial.arm_points is not None
+    arm = ArmPoints(trial.arm_points[0], np.full((3, 3, 3), -1e-6))
+    with pytest.raises(HighFiveError, match="a variance of -1e-06 m² of the arm points"):
+        Responder(armed, "neutral", RATE).step(trial.hand_points[0], None, arm)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [30.0, 60.0])
 def test_the_tempo_of_ticks_is_the_one_that_was_learned(armed: HGPDM, trial: Trial, rate: float) -> None:
     every = round(RATE / rate)

@@ -55,7 +55,7 @@ docs: $(READY)  ## the documentation site, in out/site
 	@echo "open out/site/index.html"
 
 pictures: $(READY)  ## the pictures of the documentation again, from runs of today; needs OpenGL and Chromium, half an hour
-	for picture in front page experiment study; do \
+	for picture in front page experiment study states; do \
 	  $(BIN)/python docs/make_$${picture}_picture*.py || exit 1; done
 	for arm in :vx300s _wx250s:wx250s _openmanipulator_x:openmanipulator_x _koch_v1_1:koch_v1_1; do \
 	  $(BIN)/highfive rig reach --arm $${arm#*:} --picture docs/arm_reach$${arm%:*}.png --overwrite || exit 1; done

@@ -69,14 +69,16 @@ LONGEST = (
 )  # fmt: skip
 RANK = {name: rank for rank, name in enumerate(LONGEST)}
 
+EACH_CASE = frozenset(("test_examples.py", "test_code_blocks.py"))
+"""Files whose cases are no variations: each notebook and each page is one of its own."""
+
 # Slow tests that CI runs for every commit, and not one commit in so many: how near palms come, what an arm does beside
 # people, a session's end, what is installed, the site, the examples.
 EVERY_COMMIT = frozenset((
     "test_contact.py", "test_safety_times.py", "test_session_check.py", "test_rig_session.py",
     "test_fault_schedules.py", "test_own_body.py", "test_session.py", "test_simulate.py", "test_kills.py",
-    "test_package.py", "test_site.py", "test_messages.py", "test_examples.py",
+    "test_package.py", "test_site.py", "test_messages.py", "test_code_blocks.py", "test_examples.py",
 ))  # fmt: skip
-
 
 USUAL_S = 4.0
 """s that a slow test takes which does not say how long, on average."""
@@ -86,7 +88,7 @@ _OF_SEVERAL = pytest.StashKey[set[str]]()
 
 def pytest_itemcollected(item: pytest.Item) -> None:
     """Of the slow cases of one test CI runs the first; the others are part of ``make sweep``."""
-    if item.get_closest_marker("slow") is None:
+    if item.get_closest_marker("slow") is None or item.path.name in EACH_CASE:
         return
     seen = item.config.stash.setdefault(_OF_SEVERAL, set())
     if (name := item.nodeid.partition("[")[0]) in seen:

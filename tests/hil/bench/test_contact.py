@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from highfive.hil.arm.contact_outcome import OutcomeSettings, notice, with_known_contact
-from highfive.hil.bench.contact import ContactOptions, bench_contact, twin_loop
+from highfive.hil.bench.contact import ContactOptions, bench_contact, played_by, twin_loop
 from highfive.hil.bench.retarget import reference_trajectories
 from highfive.hil.session.session import RATE_HZ
 from highfive.hil.trials.locked_set import locked_trials
@@ -174,3 +174,12 @@ def test_a_worse_contact_fails_with_a_table() -> None:
     said = str(failure.value)
     assert "B2" in said and "sad" in said and "+28.5" in said
     assert "A1" not in said.split("further off")[1].split("assert", maxsplit=1)[0]
+
+
+@pytest.mark.slow
+def test_what_was_played_before_tells_in_no_other_high_five() -> None:
+    """Where the arm came to rest after one would be a milliradian off in the next."""
+    first, second = reference_trajectories(load_model(DEFAULT_MODEL), ("happy",), ("A1", "C3"), 0, quiet)
+    together, _ = played_by("twin", [first, second], quiet)
+    alone, _ = played_by("twin", [second], quiet)
+    assert together[1].met == alone[0].met

@@ -153,5 +153,6 @@ def test_every_public_name_is_on_a_page(site: Path) -> None:
 def test_messages_are_found(site: Path) -> None:
     page = words(site / "reference/messages.html")
     for text in ("is not a model file, or it is cut short", "trials of emotion …, but the model to adapt knows …",
-                 "no training trials; give at least one trial"):  # fmt: skip
+                 "no training trials; give at least one trial", "No such command", "requires an argument",
+                 "Permission denied"):  # fmt: skip
         assert text in page, text

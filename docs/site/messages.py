@@ -15,6 +15,18 @@ MARK = "<span hidden>highfivemessages</span>"
 """A word of these sections alone, which the search of a pasted message asks for (worker.js)."""
 _SHORTEST = 10  # letters; what is shorter is no message
 _MOST = 8  # texts of one f-string
+OF_THE_COMMAND_LINE = (
+    "No such command '…'", "No such option: …", "Missing command", "Missing option '…'", "Missing argument '…'",
+    "Option '…' requires an argument", "Invalid value for '…': …", "… is not in the range …",
+    "it should be a valid integer, unable to parse string as an integer",
+    "it should be a valid number, unable to parse string as a number", "Got unexpected extra argument (…)",
+)  # fmt: skip
+"""What the library of the command line says, and ..."""
+OF_THE_SYSTEM = (
+    "…: Permission denied", "…: No such file or directory", "…: Is a directory", "…: No space left on device",
+    "…: Read-only file system", "…: File name too long",
+)  # fmt: skip
+"""... the operating system; neither stands in our source."""
 _NO_MESSAGES = {"setting", "Option", "Argument", "compile", "match", "search", "sub", "Typer"}
 
 
@@ -24,6 +36,19 @@ def on_files(files: Files, config: Any) -> Files:
              "What the program says when it refuses, stops, warns or waits, by the part that says it; "
              "… stands for a name, number or path. What to do is in the message itself; where it is not enough, see "
              "[when something is wrong](../troubleshooting.md).", ""]  # fmt: skip
+    for head, advice, said in (
+        (
+            "The command line",
+            "`highfive COMMAND --help` lists a command's options and what they take.",
+            OF_THE_COMMAND_LINE,
+        ),
+        (
+            "The operating system",
+            "Of a file or folder that is named: look who may read or write it, and for room.",
+            OF_THE_SYSTEM,
+        ),
+    ):
+        lines += [f"## {head}", "", MARK, "", advice, "", *(f"- `{text}`" for text in said), ""]
     for path in sorted(one for room in ROOMS for one in (ROOT / room).rglob("*.py")):
         found = messages(path.read_text(encoding="utf-8"))
         if found:

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from highfive.model.hgpdm.store import load_model, save_model
     from highfive.model.hgpdm.trained import HGPDM
     from highfive.model.hgpdm.trials import Trial
+    from highfive.model.online.arm_track import ArmPoints
     from highfive.model.online.contact_forecast import ContactForecast
     from highfive.model.online.reaction import (
         OnlineResponder,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     __version__: str
 
 __all__ = [
-    "HGPDM", "Address", "Connection", "ContactForecast", "HighFiveError", "HumanArm", "Link", "LinkError",
+    "HGPDM", "Address", "ArmPoints", "Connection", "ContactForecast", "HighFiveError", "HumanArm", "Link", "LinkError",
     "MarkerFrame", "MarkerSet", "OnlineResponder", "Partner", "PluginError", "Pose", "Reaction", "ReactionModel",
     "RecordedHighFive", "Responder", "Response", "Scheme", "Session", "SessionReader", "SessionRecording",
     "SimpleReaction", "Source", "SourceHealth", "Tick", "TrackedRecording", "Trial", "__version__",
@@ -87,6 +88,7 @@ _WHERE = {
     "save_model": "model.hgpdm.store",
     "HGPDM": "model.hgpdm.trained",
     "Trial": "model.hgpdm.trials",
+    "ArmPoints": "model.online.arm_track",
     "ContactForecast": "model.online.contact_forecast",
     "OnlineResponder": "model.online.reaction",
     "Reaction": "model.online.reaction",

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from highfive.hil.cli.options import Cells, Json, OverwriteFile, Person, Seed
+from highfive.hil.cli.options import MONTH_S, MOST_SEED, Cells, Inducing, Json, OverwriteFile, Person, Seed
 from highfive.hil.commands import bench
 from highfive.hil.runtime.console import Bar, print_result, progress_bars
 
@@ -34,9 +34,9 @@ def _run(json: bool, measure: Callable[[Bar], bench.Measured]) -> None:
 
 @app.command("model")
 def bench_model(
-    points: Annotated[int, typer.Option(min=200, help="Training points.")] = 5605,
-    channels: Annotated[int, typer.Option(min=3, help="Joint angles of the avatar.")] = 159,
-    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    points: Annotated[int, typer.Option(min=200, max=200_000, help="Training points.")] = 5605,
+    channels: Annotated[int, typer.Option(min=3, max=1000, help="Joint angles of the avatar.")] = 159,
+    inducing: Inducing = 200,
     preset: Annotated[str, typer.Option(help="default or paper.")] = "default",
     peer_python: Annotated[
         Path | None, typer.Option(help="Interpreter with GPflow or GPy, if this one has neither.")
@@ -52,7 +52,7 @@ def bench_model(
 @app.command("ablation")
 def bench_ablation(
     data: Annotated[Path, typer.Argument(help="Data folder with held-out trials.")],
-    inducing: Annotated[int, typer.Option(min=2, help="Inducing inputs of each layer.")] = 200,
+    inducing: Inducing = 200,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -137,8 +137,10 @@ def bench_contact(
 
 @app.command("faults")
 def bench_faults(
-    seeds: Annotated[int, typer.Option(min=1, help="Number of schedules.")] = 1000,
-    first: Annotated[int, typer.Option(min=0, help="Seed of the first one: with --seeds 1 one is replayed.")] = 0,
+    seeds: Annotated[int, typer.Option(min=1, max=100_000, help="Number of schedules.")] = 1000,
+    first: Annotated[
+        int, typer.Option(min=0, max=MOST_SEED, help="Seed of the first one: with --seeds 1 one is replayed.")
+    ] = 0,
     json: Json = False,
 ) -> None:
     """Let things go wrong in high fives with the emulated rig, in virtual time, and hold the arm to its laws."""
@@ -147,8 +149,8 @@ def bench_faults(
 
 @app.command("arms")
 def bench_arms(
-    arms: Annotated[int, typer.Option(min=1, help="Number of arms.")] = 50,
-    first: Annotated[int, typer.Option(min=0, help="Seed of the first one.")] = 0,
+    arms: Annotated[int, typer.Option(min=1, max=10_000, help="Number of arms.")] = 50,
+    first: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of the first one.")] = 0,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -179,7 +181,7 @@ def bench_tick(
 @app.command("recording")
 def bench_recording(
     hours: Annotated[
-        float, typer.Option(min=0.01, max=720.0, help="Of a session, by the recording's own clock.")
+        float, typer.Option(min=0.01, max=MONTH_S / 3600.0, help="Of a session, by the recording's own clock.")
     ] = 8.0,
     seed: Seed = 0,
     json: Json = False,
@@ -190,7 +192,9 @@ def bench_recording(
 
 @app.command("rates")
 def bench_rates(
-    rate: Annotated[list[float] | None, typer.Option(help="Only this rate, Hz; may be given again.")] = None,
+    rate: Annotated[
+        list[float] | None, typer.Option(min=1.0, max=2000.0, help="Only this rate, Hz; may be given again.")
+    ] = None,
     cell: Cells = None,
     twin: Annotated[bool, typer.Option("--twin", help="Let the twin of the arm meet them too.")] = False,
     seed: Seed = 0,
@@ -202,7 +206,9 @@ def bench_rates(
 
 @app.command("latency")
 def bench_latency(
-    latency: Annotated[list[float] | None, typer.Option(help="Only this one, ms; may be given again.")] = None,
+    latency: Annotated[
+        list[float] | None, typer.Option(min=0.0, max=500.0, help="Only this one, ms; may be given again.")
+    ] = None,
     cell: Cells = None,
     seed: Seed = 0,
     json: Json = False,
@@ -226,8 +232,12 @@ def bench_headset(
 
 @app.command("sync")
 def bench_sync(
-    seconds: Annotated[float, typer.Option(help="Of virtual time, for each scenario.")] = 300.0,
-    long: Annotated[float, typer.Option(help="Seconds in which no clock may be taken for set.")] = 10_000.0,
+    seconds: Annotated[
+        float, typer.Option(min=30.0, max=LONGEST_S, help="Of virtual time, for each scenario.")
+    ] = 300.0,
+    long: Annotated[
+        float, typer.Option(min=30.0, max=LONGEST_S, help="Seconds in which no clock may be taken for set.")
+    ] = 10_000.0,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -237,8 +247,8 @@ def bench_sync(
 
 @app.command("calibration")
 def bench_calibration(
-    arms: Annotated[int, typer.Option(min=1, help="Number of arms.")] = 16,
-    first: Annotated[int, typer.Option(min=0, help="Seed of the first arm.")] = 0,
+    arms: Annotated[int, typer.Option(min=1, max=10_000, help="Number of arms.")] = 16,
+    first: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of the first arm.")] = 0,
     json: Json = False,
 ) -> None:
     """Calibrate arms that are not as their files say: where is the plate at contact, and is a bump found?"""
@@ -257,7 +267,7 @@ def bench_view(
 
 @app.command("publish")
 def bench_publish(
-    pairs: Annotated[int, typer.Option(min=1, help="Pairs of high fives, published and not.")] = 8,
+    pairs: Annotated[int, typer.Option(min=1, max=1000, help="Pairs of high fives, published and not.")] = 8,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -282,9 +292,11 @@ def bench_webcam(
 
 @app.command("studies")
 def bench_studies(
-    studies: Annotated[int, typer.Option(min=1, help="Of each kind: with an effect, of morphs, without one.")] = 200,
+    studies: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Of each kind: with an effect, of morphs, without one.")
+    ] = 200,
     people: Annotated[int, typer.Option(min=2, max=99, help="In each.")] = 5,
-    first: Annotated[int, typer.Option(min=0, help="Seed of the first one.")] = 0,
+    first: Annotated[int, typer.Option(min=0, max=MOST_SEED, help="Seed of the first one.")] = 0,
     json: Json = False,
 ) -> None:
     """Plan, run, break off, resume and analyse simulated studies: do the intervals hold what was put in?"""
@@ -294,8 +306,10 @@ def bench_studies(
 @app.command("fuzz")
 def bench_fuzz(
     reader: Annotated[list[str] | None, typer.Option(help="Only this reader; may be given again.")] = None,
-    inputs: Annotated[int, typer.Option(min=1, help="For each reader.")] = 1000,
-    first: Annotated[int, typer.Option(min=0, help="Number of the first: with --inputs 1 one is read again.")] = 0,
+    inputs: Annotated[int, typer.Option(min=1, max=10_000_000, help="For each reader.")] = 1000,
+    first: Annotated[
+        int, typer.Option(min=0, max=MOST_SEED, help="Number of the first: with --inputs 1 one is read again.")
+    ] = 0,
     jobs: Annotated[int, typer.Option(min=1, max=64, help="Processes.")] = 1,
     out: Annotated[Path | None, typer.Option(metavar="DIR", help="Keep inputs here that did what none may.")] = None,
     seed: Seed = 0,

@@ -9,6 +9,7 @@ import typer
 
 from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import (
+    MOST_SEED,
     ArmCommand,
     Armed,
     Avatar,
@@ -24,6 +25,7 @@ from highfive.hil.cli.options import (
     Interrupted,
     Json,
     Latencies,
+    Latency,
     NoOpen,
     Overwrite,
     Port,
@@ -105,7 +107,7 @@ def plan(
         typer.Option(metavar="DIR", help="Folder of the study, also one to be added to (default: out/study-1, …)."),
     ] = None,
     participants: Annotated[int | None, typer.Option(min=1, max=9999, help="Another number than in the file.")] = None,
-    seed: Annotated[int | None, typer.Option(min=0, max=2**62, help="Another one than in the file.")] = None,
+    seed: Annotated[int | None, typer.Option(min=0, max=MOST_SEED, help="Another one than in the file.")] = None,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Draw the plans anew of those who did not take part yet.")
     ] = False,
@@ -139,13 +141,19 @@ def power(
     ] = None,
     difference: Annotated[
         list[float] | None,
-        typer.Option(help="Of the rate of right answers, such as .05; may be given again (default: .05, .08, .12)."),
+        typer.Option(
+            min=-1.0,
+            max=1.0,
+            help="Of the rate of right answers, such as .05; may be given again (default: .05, .08, .12).",
+        ),
     ] = None,
     shift: Annotated[
-        list[float] | None, typer.Option(help="Of the PSE, for morphs; may be given again (default: .04, .06, .10).")
+        list[float] | None,
+        typer.Option(min=-5.0, max=5.0, help="Of the PSE, for morphs; may be given again (default: .04, .06, .10)."),
     ] = None,
     people: Annotated[
-        list[int] | None, typer.Option(help="So many take part; may be given again (default: 5 to 48).")
+        list[int] | None,
+        typer.Option(help="So many take part; may be given again (default: 5 to 48)."),
     ] = None,
     wanted: Annotated[float, typer.Option(min=0.01, max=0.999, help="How often the effect is to be found.")] = 0.8,
     rate: Annotated[float, typer.Option(min=0.01, max=0.99, help="Right answers in replay.")] = 0.75,
@@ -204,7 +212,7 @@ def run(
     place: Annotated[
         Path | None, typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session.")
     ] = None,
-    latency: Annotated[float, typer.Option(help="What cameras, network and screen take, ms; made up for.")] = 0.0,
+    latency: Latency = 0.0,
     latencies: Latencies = None,
     rig: Annotated[
         str | None,
@@ -306,7 +314,9 @@ def collect(
     ] = None,
     cell: Cells = None,
     repetitions: Annotated[int, typer.Option(min=1, max=1000, help="Takes of each emotion and cell.")] = 3,
-    test_repetitions: Annotated[int, typer.Option(min=0, help="So many of them, the last, are held out.")] = 1,
+    test_repetitions: Annotated[
+        int, typer.Option(min=0, max=1000, help="So many of them, the last, are held out.")
+    ] = 1,
     seconds: Annotated[float, typer.Option(min=1.0, max=120.0, help="Of a take, from the cue on.")] = 10.0,
     between: Annotated[float, typer.Option(min=0.0, max=120.0, help="Before each cue, s.")] = 2.0,
     any_cell: Annotated[bool, typer.Option("--any-cell", help="Hands may meet anywhere.")] = False,

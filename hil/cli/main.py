@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import errno
 import math
 import os
 import sys
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
 
@@ -29,6 +31,7 @@ from highfive.hil.cli.options import (
     Interrupted,
     Json,
     Latencies,
+    Latency,
     NoOpen,
     Overwrite,
     Port,
@@ -40,11 +43,7 @@ from highfive.hil.cli.options import (
     refuse_two_people,
 )
 from highfive.hil.runtime.console import STDERR, escape, print_json, print_result, progress_bars, show_log
-from highfive.hil.runtime.interrupts import (
-    ended_as_interrupted,
-    interrupt_swallowed,
-    raise_swallowed_interrupts,
-)
+from highfive.hil.runtime.interrupts import comes_of_an_interrupt, ended_as_interrupted, raise_swallowed_interrupts
 from highfive.model.errors import HighFiveError
 
 app = typer.Typer(
@@ -62,6 +61,8 @@ app.add_typer(cli_rig.app, name="rig")
 
 _INTERRUPTED = 130
 """What Typer makes of Ctrl-C."""
+_TAKES_NO_MORE = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Of a file that a command writes to: what it is cannot be told, most often it is standard output."""
 
 
 def _print_version(requested: bool) -> None:
@@ -84,7 +85,9 @@ def begin(
 
 @app.command(cls=ArmCommand)
 def simulate(
-    trials: Annotated[int | None, typer.Option(min=1, help="Number of high fives (default: emotions × cells).")] = None,
+    trials: Annotated[
+        int | None, typer.Option(min=1, max=10_000, help="Number of high fives (default: emotions × cells).")
+    ] = None,
     emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
     cell: Cells = None,
     style: Annotated[str | None, typer.Option(help="Mixed style, such as angry=0.5,neutral=0.5.")] = None,
@@ -112,7 +115,9 @@ def simulate(
     seed: Seed = 0,
     lost: Annotated[
         float | None,
-        typer.Option(min=0.0, metavar="SECONDS", help="So long before palms would meet the person is lost from view."),
+        typer.Option(
+            min=0.0, max=3600.0, metavar="SECONDS", help="So long before palms would meet the person is lost from view."
+        ),
     ] = None,
     out: Annotated[Path | None, typer.Option(help="Folder for the results (default: out/session-1, -2, …).")] = None,
     physics: Annotated[
@@ -125,10 +130,7 @@ def simulate(
         Path | None,
         typer.Option(metavar="FILE.toml", help="Keeps where a live person stands, for the next session."),
     ] = None,
-    latency: Annotated[
-        float,
-        typer.Option(help="What cameras, network and screen take, ms, beyond what a live system reports; made up for."),
-    ] = 0.0,
+    latency: Latency = 0.0,
     latencies: Latencies = None,
     rig: Annotated[
         str | None,
@@ -316,6 +318,8 @@ def _run() -> NoReturn:
         code = app(standalone_mode=False) or 0
         if code == _INTERRUPTED:
             raise KeyboardInterrupt
+        if sys.stdout is not None:
+            sys.stdout.flush()  # here: what Python itself cannot write as it ends is no line for people
         sys.exit(code)
     except TyperException as error:
         if not (message := error.format_message()):  # the help has been shown instead
@@ -326,13 +330,18 @@ def _run() -> NoReturn:
     except HighFiveError as error:
         _fail(str(error))
     except OSError as error:  # a name that is too long, a disk that is gone
-        if error.filename is None:
+        if error.filename is not None:
+            _fail(f"{error.filename}: {error.strerror}")
+        if error.errno not in (errno.EPIPE, *_TAKES_NO_MORE):
             raise
-        _fail(f"{error.filename}: {error.strerror}")
+        _drop_output()
+        if error.errno == errno.EPIPE:  # whoever read it has enough
+            sys.exit(1)
+        _fail(f"{error.strerror}: make room, or send standard output elsewhere; what is written already stays")
     except (KeyboardInterrupt, Interrupted, typer.Abort) as error:
         _end_interrupted(str(error))
-    except Exception:
-        if interrupt_swallowed():
+    except Exception as error:
+        if comes_of_an_interrupt(error):
             _end_interrupted("")
         raise
 
@@ -351,9 +360,17 @@ def _asked(error: TyperException) -> str:
     return f"highfive{context.command_path.removeprefix(root)}"
 
 
+def _drop_output() -> None:
+    """What standard output has not taken is tried no more, also by Python as it ends."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, 1)
+    os.close(nowhere)
+
+
 def _end_interrupted(how: str) -> NoReturn:
     STDERR.print(f"interrupted{how}", soft_wrap=True, markup=False)
-    sys.stdout.flush()
+    with suppress(OSError):  # of a full disk or a closed pipe nothing more is to be said
+        sys.stdout.flush()
     os._exit(1)  # not by Python's own way down: interrupted while it compiles, JAX crashes on it
 
 

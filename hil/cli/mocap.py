@@ -9,6 +9,7 @@ import typer
 
 from highfive.hil.cli import rig as cli_rig
 from highfive.hil.cli.options import (
+    MONTH_S,
     AnySet,
     ArmCommand,
     Armed,
@@ -39,11 +40,13 @@ def serve(
         list[str] | None,
         typer.Option(help="What goes wrong: occlusion=RFIN+RMC5@2-2.3; may be given again."),
     ] = None,
-    rate: Annotated[float | None, typer.Option(help="Frames per second (default: the recording's).")] = None,
+    rate: Annotated[
+        float | None, typer.Option(min=1.0, max=2000.0, help="Frames per second (default: the recording's).")
+    ] = None,
     person: Annotated[
         str | None, typer.Option("--person", "--human", help="Send only the markers of this prefix.")
     ] = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, max=MONTH_S, help="End after so long.")] = None,
     seed: Seed = 0,
     json: Json = False,
 ) -> None:
@@ -73,7 +76,9 @@ def stream(
         str, typer.Argument(help="vicon://host, qtm://host, natnet://host, lsl://name or a C3D file (docs/mocap.md).")
     ],
     person: Person = None,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="End so long after the first frame.")] = None,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, max=MONTH_S, help="End so long after the first frame.")
+    ] = None,
     record: Annotated[Path | None, typer.Option(metavar="FILE.c3d", help="Keep everything that comes.")] = None,
     marker_set: AnySet = None,
     overwrite: OverwriteFile = False,
@@ -137,7 +142,7 @@ def calibrate_headset(
     source: Annotated[str, typer.Option(help="The motion capture system: vicon://host, qtm://host, …")],
     person: Person = None,
     marker_set: AnySet = None,
-    seconds: Annotated[float, typer.Option(help="For how long the head is watched, s.")] = 20.0,
+    seconds: Annotated[float, typer.Option(min=5.0, max=120.0, help="For how long the head is watched, s.")] = 20.0,
     out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The registration, for simulate --headset.")] = Path(
         "headset.toml"
     ),
@@ -294,7 +299,9 @@ def calibrate_room(
     markers: Annotated[
         str, typer.Option(metavar="A,B[,C]", help="Labels on the floor: below the avatar, ahead of it, to its left.")
     ],
-    height: Annotated[float, typer.Option(help="Of the markers' middles above the floor, mm.")] = 0.0,
+    height: Annotated[
+        float, typer.Option(min=0.0, max=2000.0, help="Of the markers' middles above the floor, mm.")
+    ] = 0.0,
     out: Annotated[Path, typer.Option(metavar="FILE.toml", help="The placement, for --place.")] = Path("place.toml"),
     overwrite: OverwriteFile = False,
     json: Json = False,

@@ -29,9 +29,10 @@ app = typer.Typer()
 def capture(
     out: Annotated[Path, typer.Option(help="Folder for the C3D files and trials.csv.")] = Path("captured"),
     emotion: Annotated[list[str] | None, typer.Option(help="Only this emotion; may be given again.")] = None,
-    repetitions: Annotated[int, typer.Option(min=1, help="Trials for each emotion and cell.")] = 4,
+    repetitions: Annotated[int, typer.Option(min=1, max=1000, help="Trials for each emotion and cell.")] = 4,
     test_repetitions: Annotated[
-        int | None, typer.Option(min=0, help="So many of them are marked as held out (default: the last of several).")
+        int | None,
+        typer.Option(min=0, max=1000, help="So many of them are marked as held out (default: the last of several)."),
     ] = None,
     overwrite: Overwrite = False,
     seed: Seed = 0,
@@ -52,17 +53,23 @@ def train(
     preset: Annotated[str, typer.Option(help="default, or paper for the sizes of Taubert et al. 2013.")] = "default",
     inducing: Annotated[
         int,
-        typer.Option(min=2, help="Inducing inputs of each layer; contact layers take more, up to 400, of many frames."),
+        typer.Option(
+            min=2, max=5000, help="Inducing inputs of each layer; contact layers take more, up to 400, of many frames."
+        ),
     ] = 200,
     human: Human = "human",
     avatar: Avatar = "avatar",
     human_set: HumanSet = None,
     avatar_set: AvatarSet = None,
     seed: Seed = 0,
-    restarts: Annotated[int, typer.Option(min=1, help="Train from so many seeds and keep the best objective.")] = 1,
+    restarts: Annotated[
+        int, typer.Option(min=1, max=1000, help="Train from so many seeds and keep the best objective.")
+    ] = 1,
     iterations: Annotated[
         int | None,
-        typer.Option(min=1, help="Steps of training the hierarchy (default: the preset's); others have their own."),
+        typer.Option(
+            min=1, max=1_000_000, help="Steps of training the hierarchy (default: the preset's); others have their own."
+        ),
     ] = None,
     whole_arm: Annotated[
         bool | None,
@@ -83,9 +90,9 @@ def train(
         str | None,
         typer.Option(metavar="HOST:PORT,HOST,…", help="Train on several hosts; auto: a scheduler (SLURM) says which."),
     ] = None,
-    process_id: Annotated[int | None, typer.Option(min=0, help="Which of --hosts this is, from 0.")] = None,
+    process_id: Annotated[int | None, typer.Option(min=0, max=9999, help="Which of --hosts this is, from 0.")] = None,
     memory: Annotated[
-        float | None, typer.Option(min=0.1, help="GB that training may take (default: what is free).")
+        float | None, typer.Option(min=0.1, max=1e6, help="GB that training may take (default: what is free).")
     ] = None,
     overwrite: OverwriteFile = False,
     json: Json = False,
@@ -133,9 +140,12 @@ def evaluate(
     windows: Annotated[Path | None, typer.Option(help="A windows file (.npz) instead of a data folder.")] = None,
     preset: Annotated[str, typer.Option(help="default, or paper: what is trained if no model is given.")] = "default",
     inducing: Annotated[
-        int, typer.Option(min=2, help="Inducing inputs of each layer and of the sparse GP; of a given model its own.")
+        int,
+        typer.Option(
+            min=2, max=5000, help="Inducing inputs of each layer and of the sparse GP; of a given model its own."
+        ),
     ] = 200,
-    seeds: Annotated[int, typer.Option(min=1, help="Trainings; the scores are medians.")] = 3,
+    seeds: Annotated[int, typer.Option(min=1, max=1000, help="Trainings; the scores are medians.")] = 3,
     leave_out: Annotated[
         str | None, typer.Option(help="repetition or cell: each is held out in turn, whatever the table's split.")
     ] = None,
@@ -156,7 +166,9 @@ def evaluate(
         str | None,
         typer.Option("--from", metavar="MODEL", help="Score a model adapted to the trials, too; default: the shipped."),
     ] = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Trainings at the same time, each in a process of its own.")] = 1,
+    jobs: Annotated[
+        int, typer.Option(min=1, max=1024, help="Trainings at the same time, each in a process of its own.")
+    ] = 1,
     models_folder: Annotated[
         Path | None,
         typer.Option(
@@ -243,7 +255,9 @@ def classify_style(
         list[Path],
         typer.Argument(metavar="[MODEL] DATA", help="Data folder to learn from; before it a model's file, or default."),
     ],
-    people: Annotated[int, typer.Option(min=1, help="Simulated people, each answered in every style.")] = 36,
+    people: Annotated[
+        int, typer.Option(min=1, max=10_000, help="Simulated people, each answered in every style.")
+    ] = 36,
     morph: Annotated[str, typer.Option(help="Two styles to go between, in tenths.")] = "neutral,angry",
     human: Human = "human",
     avatar: Avatar = "avatar",

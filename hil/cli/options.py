@@ -13,7 +13,12 @@ from typer.core import TyperCommand
 from highfive.model.errors import HighFiveError
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on standard output, nothing else.")]
-Seed = Annotated[int, typer.Option(min=0, help="The same seed gives the same result.")]
+MOST_SEED = 2**62
+"""With what is added to it a seed is one of NumPy's 64-bit numbers, still."""
+Seed = Annotated[int, typer.Option(min=0, max=MOST_SEED, help="The same seed gives the same result.")]
+Inducing = Annotated[int, typer.Option(min=2, max=5000, help="Inducing inputs of each layer.")]
+MONTH_S = 30 * 86_400.0
+"""The most that a duration may be told, s: what is to go on for longer goes on until Ctrl-C without one."""
 Human = Annotated[str, typer.Option("--human", "--person", help="Prefix of the person's markers.")]
 Avatar = Annotated[str, typer.Option(help="Prefix of the markers of whom the avatar learns from.")]
 HumanSet = Annotated[
@@ -122,6 +127,14 @@ RecordLsl = Annotated[
     typer.Option(metavar="NAME", help="Record this LSL stream beside the session; may be given again."),
 ]
 
+Latency = Annotated[
+    float,
+    typer.Option(
+        min=0.0,
+        max=200.0,
+        help="What cameras, network and screen take, ms, beyond what a live system reports; made up for.",
+    ),
+]
 Latencies = Annotated[
     Path | None,
     typer.Option(metavar="FILE.toml", help="How late streams are, as calibrate event measured; made up for."),
@@ -134,7 +147,10 @@ Camera = Annotated[
     Path | None,
     typer.Option(metavar="VIDEO", help="With --source webcam: an .mjpeg or .y4m instead of a camera, nobody asked."),
 ]
-Height = Annotated[float | None, typer.Option(help="With --source webcam: of the person, m (default: 1.75).")]
+Height = Annotated[
+    float | None, typer.Option(min=1.0, max=2.3, help="With --source webcam: of the person, m (default: 1.75).")
+]
 FieldOfView = Annotated[
-    float | None, typer.Option(help="With --source webcam: degrees across the camera's picture (default: 70).")
+    float | None,
+    typer.Option(min=30.0, max=120.0, help="With --source webcam: degrees across the camera's picture (default: 70)."),
 ]

@@ -10,6 +10,7 @@ from typing import Annotated
 import typer
 
 from highfive.hil.cli.options import (
+    MONTH_S,
     ArmCommand,
     Armed,
     Https,
@@ -79,7 +80,7 @@ def emulate(
     baud: Annotated[int | None, typer.Option(help="Baud rate of the servos (default: the arm's).")] = None,
     faults: Faults = None,
     factory: Annotated[bool, typer.Option("--factory", help="Servos as from the factory, to be configured.")] = False,
-    seconds: Annotated[float | None, typer.Option(min=0.0, help="End after so long.")] = None,
+    seconds: Annotated[float | None, typer.Option(min=0.0, max=MONTH_S, help="End after so long.")] = None,
     unpaced: Annotated[bool, typer.Option("--unpaced", help="Bytes take no time.")] = False,
     seed: Seed = 0,
     plate: Annotated[

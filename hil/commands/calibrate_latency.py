@@ -36,6 +36,7 @@ from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
 from highfive.hil.runtime.clock import MACHINE, Clock
 from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import check_toml
+from highfive.hil.runtime.interrupts import INTERRUPTS
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
 from highfive.mocap_bridge.files.recording import EVERYBODY
@@ -93,6 +94,7 @@ def calibrate_latency(options: LatencyOptions, bar: Bar) -> dict[str, Any]:
     with ExitStack() as stack:
         if arm.emulated:
             clock = stack.enter_context(VirtualClock())
+            stack.enter_context(clock.signals_to_first(INTERRUPTS))
             virtual = VirtualRig(clock, make_bus(emulator_options(arm)))
             drive = stack.enter_context(virtual_driven_arm(virtual, arm, body, no_one))
         else:

@@ -19,6 +19,7 @@ from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.bus.serial_line import MACHINE_WIRING as MACHINE_LINES
 from highfive.hil.drivers.bus.serial_line import Wiring
 from highfive.hil.drivers.emulator.virtual_rig import PATH, VirtualRig
+from highfive.hil.runtime.interrupts import INTERRUPTS
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.hil.trials.live_partner import live_source
 from highfive.hil.trials.live_wiring import MACHINE_WIRING
@@ -68,7 +69,7 @@ def calibration_room(
 @contextmanager
 def hidden_room(truth: HiddenTruth, arm: ArmOptions, template: PlateTemplate) -> Iterator[CalibrationRoom]:
     """The virtual time of a hidden arm, and cameras with noise, gaps and swapped labels that see its plate."""
-    with VirtualClock(truth.seed) as clock:
+    with VirtualClock(truth.seed) as clock, clock.signals_to_first(INTERRUPTS):
         bus, plant = hidden_bus(truth, rig_of(find_arm(arm.arm), arm.rig))
         wiring = camera_wiring(clock, PlateCamera(clock, truth, plant, CameraFaults()))
         with closing(live_source(CAMERAS, EVERYBODY, wiring)) as frames:

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 AGAIN_S = 0.05
 """s after which a swallowed Ctrl-C is raised again: whoever swallowed it has returned by then, or swallows it again."""
 
+INTERRUPTS = (signal.SIGINT, signal.SIGTERM)
+"""What interrupts a command: Ctrl-C, and :func:`ended_as_interrupted`."""
 
 _answered: list[None] = []
 _swallowed: list[None] = []
@@ -130,12 +132,16 @@ def ended_as_interrupted() -> Iterator[None]:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def interrupt_swallowed() -> bool:
-    """A ``KeyboardInterrupt`` was swallowed, and was not raised again yet: what is raised meanwhile comes of that.
+def comes_of_an_interrupt(error: BaseException) -> bool:
+    """A ``KeyboardInterrupt`` was swallowed, and was not raised again yet; or ``error`` was raised because of one.
 
-    LLVM hands compiled code over in such a callback: who is interrupted there is told that there is none.
+    LLVM hands compiled code over in such a callback: who is interrupted there is told that there is none. Where a
+    compiled function calls Python, Python makes a ``SystemError`` of it.
     """
-    return bool(_swallowed)
+    cause: BaseException | None = error
+    while cause is not None and not isinstance(cause, KeyboardInterrupt):
+        cause = cause.__cause__
+    return cause is not None or bool(_swallowed)
 
 
 def raise_swallowed_interrupts() -> None:

@@ -95,7 +95,8 @@ class LiveServer(ABC):
             sock.close()
             reason = getattr(error, "strerror", None) or error
             where = f"{self._host or '0.0.0.0'}:{port}"
-            raise LinkError(f"cannot listen at {where}: {reason}; name another port, such as --port 8801") from None
+            other = 8802 if port == 8801 else 8801
+            raise LinkError(f"cannot listen at {where}: {reason}; name another port, such as --port {other}") from None
         return sock
 
     @abstractmethod

@@ -41,6 +41,11 @@ INDICES = ("trial", "emotion")
 ARM_FEATURES = tuple(field.name for field in fields(ArmFeatures))
 PLACES = tuple(field.name for field in fields(GaussianMixture))
 NEIGHBOURS = tuple(field.name for field in fields(Neighbours))
+_TEMPO = {
+    "arm_contact.weights": "arm_features.furthest",
+    "direct_arm.share": "direct_arm_features.furthest",
+}
+"""What a layer of the whole arm is told by, and what it lacks in a file of before it knew the tempo of a reach."""
 
 # What the library raises: the others where NumPy has no such type (bfloat16, …) or shape, or there is no room.
 _UNREADABLE = (SafetensorError, TypeError, AttributeError, ValueError, MemoryError)
@@ -133,6 +138,11 @@ def load_model(path: Path | str = DEFAULT_MODEL, skeleton_hash: str | None = Non
     if skeleton_hash is not None and found != skeleton_hash:
         raise HighFiveError(
             f"{path} was trained for skeleton {found or 'unknown'}, expected {skeleton_hash}; train it again"
+        )
+    if any(part in arrays and tempo not in arrays for part, tempo in _TEMPO.items()):
+        raise HighFiveError(
+            f"{path} was made by an earlier version of High Five, whose layer of the whole arm knows no tempo; "
+            "train it again"
         )
     try:
         model = _build(description, arrays)
@@ -263,8 +273,6 @@ def _arm_arrays(name: str, features: ArmFeatures) -> dict[str, Array]:
 
 
 def _arm_features(name: str, arrays: Mapping[str, Any]) -> ArmFeatures:
-    if f"{name}.furthest" not in arrays:
-        raise ValueError("its layer of the whole arm knows no tempo; train it again")
     return ArmFeatures(*(arrays[f"{name}.{field}"] for field in ARM_FEATURES))
 
 

@@ -17,7 +17,8 @@ def style_weights(weights: str | Mapping[str, float] | ArrayLike, emotions: Sequ
     """Weights (K,) in the order of ``emotions``, from one emotion's name, a mapping of names, or K numbers.
 
     Raises:
-        HighFiveError: an unknown emotion, a negative weight, or weights that do not sum to one within 1e-6.
+        HighFiveError: an unknown emotion, a weight that is negative or above one, or weights that do not sum to one
+            within 1e-6.
     """
     if isinstance(weights, str):
         weights = {weights: 1.0}
@@ -33,6 +34,8 @@ def style_weights(weights: str | Mapping[str, float] | ArrayLike, emotions: Sequ
         raise HighFiveError(f"style weights {_named(values, emotions)}; all have to be finite numbers")
     if np.any(values < 0.0):
         raise HighFiveError(f"style weights {_named(values, emotions)}; none may be negative")
+    if np.any(values > 1.0 + TOLERANCE):
+        raise HighFiveError(f"style weights {_named(values, emotions)}; none may be above 1, for they must sum to 1")
     if abs(values.sum() - 1.0) > TOLERANCE:
         raise HighFiveError(f"style weights {_named(values, emotions)} sum to {values.sum():.6g}; they must sum to 1")
     return values

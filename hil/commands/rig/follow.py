@@ -36,6 +36,7 @@ from highfive.hil.arm.preconditions import check_options
 from highfive.hil.arm_model.arm_folder import find_arm
 from highfive.hil.arm_model.servo_arm import ServoArm
 from highfive.hil.drivers.priority import going_first
+from highfive.hil.runtime.interrupts import INTERRUPTS
 from highfive.hil.runtime.threads import quick_switching
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.model.errors import HighFiveError
@@ -82,7 +83,8 @@ def follow(options: ArmOptions, lines: TextIO, answer: Callable[[str], object]) 
     body = known_arm(folder, trusted_calibration(options, rig, datetime.now(UTC)))
     with uninterrupted() as from_now_on, ExitStack() as stack:
         drive = stack.enter_context(_drive(options, body))
-        from_now_on()
+        if options.port != VIRTUAL:  # there nobody hears a signal as a stop: it interrupts
+            from_now_on()
         leader = Leader(drive, GoalCourse(body, limits, drive.positions), folder.names, answer)
         low, high = ([getattr(joint, end) for joint in limits.joints] for end in ("lowest", "highest"))
         leader.say({"arm": options.arm, "joints": folder.names, "low": low, "high": high, **leader.now()})
@@ -112,6 +114,7 @@ def _drive(options: ArmOptions, body: ServoArm) -> Iterator[PostureDrive]:
         return
     with (
         VirtualClock() as clock,
+        clock.signals_to_first(INTERRUPTS),
         virtual_driven_arm(virtual_rig(clock, options), options, body, lambda: "") as drive,
     ):
         yield drive

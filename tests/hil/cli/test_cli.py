@@ -83,6 +83,7 @@ def test_how_a_style_is_written_is_said_and_its_weights_are_named(highfive) -> N
     assert_one_line(highfive("simulate", "--style", "angry=0.5,sad=0.4"), "angry=0.5,sad=0.4 sum to 0.9")
     assert_one_line(highfive("simulate", "--style", "angry=0.5,angry=0.5"), "angry is there twice")
     assert_one_line(highfive("simulate", "--style", "angry=nan"), "'nan' is no number")
+    assert_one_line(highfive("simulate", "--style", "angry=1e308,happy=1e308"), "none may be above 1")
 
 
 def test_two_people_for_one_option_are_refused(highfive) -> None:

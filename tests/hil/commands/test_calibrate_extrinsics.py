@@ -1,5 +1,6 @@
 """An extrinsic calibration at the wire: a hidden arm, its driver, bus and servos in virtual time, and its cameras."""
 
+import signal
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -34,6 +35,7 @@ from highfive.hil.commands.calibrate_extrinsics import (
     print_extrinsics,
 )
 from highfive.hil.commands.calibrate_servos import ServoOptions, calibrate_servos
+from highfive.hil.commands.calibration_room import hidden_room
 from highfive.hil.drivers.bus.rig import load_rig
 from highfive.hil.drivers.emulator.bus_faults import parse_faults
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
@@ -72,6 +74,24 @@ def room(
 
 def bar(*_: object):
     return lambda *_, **__: None
+
+
+def test_ctrl_c_is_the_command_s_also_where_it_comes_upon_a_task_of_the_rehearsal() -> None:
+    """The driver does not die of it: the arm is brought to rest."""
+    came: list[str] = []
+    with hidden_room(drawn_truth(0), ARM, TEMPLATE) as here, here.driven(default_arm()) as drive:
+        clock = here.wiring.clock
+        assert isinstance(clock, VirtualClock)
+
+        def interrupted() -> None:
+            signal.raise_signal(signal.SIGINT)
+            came.append("upon the task, which goes on")
+
+        task = clock.start("other", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            drive.tick(drive.positions)
+        drive.tick(drive.positions)
+        assert came and not task.alive and task.error is None
 
 
 @pytest.mark.sweep

@@ -61,6 +61,21 @@ def test_what_comes_of_an_interrupt_that_a_library_swallowed_is_told_as_the_inte
     assert (done.returncode, done.stdout, done.stderr) == (1, "", "interrupted\n")
 
 
+def test_what_python_makes_of_an_interrupt_that_compiled_code_met_is_told_as_the_interrupt() -> None:
+    """As where a compiled function unpickles a type, and Ctrl-C comes."""
+    work = "\n    ".join(
+        (
+            "def work():",
+            "try:",
+            "    raise KeyboardInterrupt",
+            "except KeyboardInterrupt as error:",
+            "    raise SystemError('returned a result with an exception set') from error",
+        )
+    )
+    done = ran(f"from highfive.hil.cli import main as cli\n{work}\ncli.app = lambda **_: work()\ncli.main()")
+    assert (done.returncode, done.stdout, done.stderr) == (1, "", "interrupted\n")
+
+
 TERMINATED = """
 import os, signal, sys
 signal.signal(signal.SIGINT, {before})

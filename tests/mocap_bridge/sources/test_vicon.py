@@ -477,5 +477,14 @@ def test_closing_leaves_no_thread(server):
 
 
 def test_a_port_that_is_taken_is_reported(server):
-    with pytest.raises(HighFiveError, match=f"{server.port}.*another port"):
+    with pytest.raises(HighFiveError, match=f"{server.port}.*another port, such as --port 8801"):
         ViconServer(port=server.port)
+
+
+def test_where_the_port_that_is_proposed_is_taken_another_one_is() -> None:
+    with socket.socket() as taken:
+        with contextlib.suppress(OSError):  # somebody else has it: it is taken, too
+            taken.bind((LOOPBACK, 8801))
+            taken.listen()
+        with pytest.raises(HighFiveError, match=r":8801: .*another port, such as --port 8802"):
+            ViconServer(port=8801)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import signal
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,6 +22,7 @@ from highfive.hil.arm_model.servo_arm import default_arm
 from highfive.hil.commands.rig.follow import Leader, follow
 from highfive.hil.drivers.emulator.emulator_process import make_bus
 from highfive.hil.drivers.emulator.virtual_rig import VirtualRig
+from highfive.hil.runtime.interrupts import ended_as_interrupted
 from highfive.hil.runtime.virtual_clock import VirtualClock
 from highfive.model.errors import HighFiveError
 
@@ -134,6 +136,21 @@ def _leader(clock: VirtualClock, said: list[dict[str, Any]] | None = None, answe
         course = GoalCourse(body, limits_of(body.folder), drive.positions)
         took = answer or (lambda line: (said if said is not None else []).append(json.loads(line)))
         yield Leader(drive, course, body.folder.names, took)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_in_virtual_time_a_signal_interrupts(number: signal.Signals) -> None:
+    """Nothing real is to be stopped, so it is not taken for an emergency stop that nobody hears."""
+    before, answers = signal.getsignal(number), []
+
+    def answer(line: str) -> None:
+        answers.append(line)
+        if len(answers) == 3:
+            signal.raise_signal(number)
+
+    with ended_as_interrupted(), pytest.raises(KeyboardInterrupt):
+        follow(VIRTUAL, io.StringIO("{}\n" * 10), answer)
+    assert len(answers) == 3 and signal.getsignal(number) is before
 
 
 def test_refused_before_anything_moves() -> None:

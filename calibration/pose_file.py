@@ -13,10 +13,12 @@ from numpy.typing import NDArray
 
 from highfive.calibration.arm_poses import ArmPoses
 from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
+from highfive.model.files import read_bounded_text, write_whole
 from highfive.model.geometry.rotations import Array
 
 FORMAT = 1
+MOST_BYTES = 4 << 20
+"""Largest file of poses that is read: a pose has a kilobyte."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ def load_poses(path: Path, arm: str, markers: Sequence[str], joints: int) -> lis
         HighFiveError: they are of another arm or plate, or no poses.
     """
     try:
-        data = json.loads(path.read_text(encoding="utf-8"))
+        data = json.loads(read_bounded_text(path, MOST_BYTES))
         if (data["format"], data["arm"], data["markers"]) != (FORMAT, arm, list(markers)):
             raise HighFiveError(f"{path} has the poses of another arm or plate; delete it, and begin anew")
         return [_pose(row, joints, len(markers)) for row in data["poses"]]

@@ -33,6 +33,27 @@ def check_size(path: Path, most_bytes: int) -> None:
         raise HighFiveError(f"{path} has {status.st_size} bytes, more than the limit of {most_bytes}")
 
 
+def read_bounded(path: Path, most_bytes: int) -> bytes:
+    """The content of a file that ends, and is no larger than its reader was made for.
+
+    Raises:
+        HighFiveError, OSError: as :func:`check_size`.
+    """
+    check_size(path, most_bytes)
+    return path.read_bytes()
+
+
+def read_bounded_text(path: Path, most_bytes: int) -> str:
+    """As :func:`read_bounded`, of a text in UTF-8; each end of a line is a line feed.
+
+    Raises:
+        HighFiveError, OSError: as there.
+        UnicodeDecodeError: it is no such text.
+    """
+    check_size(path, most_bytes)
+    return path.read_text(encoding="utf-8")
+
+
 def unfinished(path: Path) -> Path:
     """A name beside ``path`` that nobody else uses, with the same ending."""
     return path.with_name(f"{UNFINISHED}{secrets.token_hex(4)}-{path.name}")

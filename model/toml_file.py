@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, TypeGuard
 
 from highfive.model.errors import HighFiveError
-from highfive.model.files import check_size
+from highfive.model.files import read_bounded_text
 
 MOST_BYTES = 4 << 20
 """Largest TOML file that is read: a plan of a thousand trials has 0.3 MB."""
@@ -36,8 +36,7 @@ def read_toml(path: Path, what: str, error: type[HighFiveError] = HighFiveError)
         HighFiveError: it cannot be read, or is no TOML; of the class ``error``.
     """
     try:
-        check_size(path, MOST_BYTES)
-        text = path.read_text(encoding="utf-8")
+        text = read_bounded_text(path, MOST_BYTES)
         if any(line.count(".") > MOST_DOTS and _dotted(line) > MOST_DOTS for line in text.splitlines()):
             raise ValueError(f"a line has more than {MOST_DOTS} dots that are in no number")
         found = tomllib.loads(text)

@@ -8,6 +8,7 @@ from highfive.hil.bench import fuzz_files as files
 from highfive.hil.bench import fuzz_page as page
 from highfive.hil.bench import fuzz_systems as systems
 from highfive.hil.bench.fuzz_reader import Seed
+from highfive.hil.bench.fuzz_study import study_seeds
 from highfive.hil.bench.fuzz_toml import toml_seeds
 
 READERS: Mapping[str, Callable[[], list[Seed]]] = {
@@ -21,6 +22,7 @@ READERS: Mapping[str, Callable[[], list[Seed]]] = {
     "csv": files.csv_seeds,
     "tables": files.table_seeds,
     "poses": files.json_seeds,
+    "study": study_seeds,
     "xdf": files.xdf_seeds,
     "take": files.take_seeds,
     "page": page.page_seeds,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import logging
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -23,7 +24,7 @@ from highfive.hil.experiments.recorded.methods import methods
 from highfive.hil.experiments.recorded.xdf_events import events_csv, xdf_events
 from highfive.hil.experiments.study import check_planned, participants, stored_plan
 from highfive.hil.experiments.study_rows import answers_of, codes, study_rows, tidy_rows
-from highfive.hil.runtime.console import Bar
+from highfive.hil.runtime.console import Bar, say_aside
 from highfive.hil.runtime.folders import results_folder, write_file
 from highfive.model.errors import HighFiveError
 
@@ -107,6 +108,8 @@ def _of_study(
     """The figures of a study's folder, and what they are of."""
     rules = None if options.exclude is None else read_rules(options.exclude)
     found = study_rows(study, rules)
+    for log in found.incomplete:
+        say_aside(log.line, logging.WARNING)
     check_planned(study, found.protocol)
     for code in participants(study):
         stored_plan(study, code)  # one that was changed tells of other trials than were shown
@@ -132,6 +135,7 @@ def _of_study(
     moved = interaction(study, found.counted, advance)
     result |= of_trials(found, moved)
     result["excluded"] = [asdict(one) for one in found.excluded]
+    result["incomplete_logs"] = [asdict(one) for one in found.incomplete]
     result["simulated"] = found.simulated
     result["software"] = list(found.software)
     result["trials"] = {"all": len(found.rows), "counted": len(found.counted)}

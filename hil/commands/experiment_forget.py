@@ -50,4 +50,6 @@ def print_forgotten(result: dict[str, Any]) -> None:
     if result["beside"]:
         where = ", ".join(result["beside"])
         say(f"Remains beside the study: the code stands in {where}; delete them, or make them again")
+    if result["unread"]:
+        say(f"Not looked into: {', '.join(result['unread'])} (too large, or not to be read); see whether it is there")
     say(result["beyond"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,8 @@ def export_study(study: Path, out: Path | None, overwrite: bool, bar: Bar) -> di
     if folder.resolve().is_relative_to(study.resolve()):
         raise HighFiveError(f"--out {folder} lies in the study, which an export does not change; give another folder")
     found = study_rows(study)
+    for log in found.incomplete:
+        say_aside(log.line, logging.WARNING)
     export = study_bids(study, found)
     with results_folder(folder, overwrite):
         for file in export.files:

@@ -21,9 +21,9 @@ from typing import Any
 
 import numpy as np
 
-from highfive.mocap_bridge.files.trial_table import TABLE, TrialRow, read_table, write_table
+from highfive.mocap_bridge.files.trial_table import LARGEST_TABLE, TABLE, TrialRow, read_table, write_table
 from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
+from highfive.model.files import read_bounded_text, write_whole
 from highfive.model.toml_file import check_keys, read_toml
 
 SETTINGS, REJECTED, REASONS = "collection.toml", "rejected", "rejected.csv"
@@ -124,7 +124,7 @@ class CollectionFolder:
             raise HighFiveError(f"{folder} has a {TABLE} and no {SETTINGS}: it was not begun by this command")
         self._takes = takes_of(asked)
         self._asked = asked
-        self.rows: list[TrialRow] = read_table(folder) if (folder / TABLE).is_file() else []
+        self.rows: list[TrialRow] = read_table(folder) if (folder / TABLE).exists() else []
         self.rejected = _reasons(folder / REASONS)
         if missing := [row.file for row in self.rows if not (folder / row.file).is_file()]:
             raise HighFiveError(f"{folder / TABLE} names {missing[0]}, which is gone; put it back, or take its row out")
@@ -219,10 +219,10 @@ def _toml(values: Mapping[str, Any]) -> bytes:
 
 
 def _reasons(path: Path) -> list[dict[str, str]]:
-    if not path.is_file():
+    if not path.exists():
         return []
     try:
-        rows = list(csv.DictReader(io.StringIO(path.read_text(encoding="utf-8"), newline="")))
+        rows = list(csv.DictReader(io.StringIO(read_bounded_text(path, LARGEST_TABLE), newline="")))
         return [{name: row[name] for name in _REASON} for row in rows]
     except (OSError, ValueError, KeyError, csv.Error) as error:
         raise HighFiveError(f"cannot read {path}: {error}; expected the columns {','.join(_REASON)}") from None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shutil
 from dataclasses import dataclass
@@ -11,11 +12,16 @@ from pathlib import Path
 from highfive.hil.experiments.study import PARTICIPANTS, PLAN, PROTOCOL, participant_folder, participants
 from highfive.hil.runtime.folders import locked
 from highfive.model.errors import HighFiveError
+from highfive.model.files import read_bounded
 
 BEYOND = "Not reached: exports and backups elsewhere, and the key that says who the code is; delete those yourself."
 
+_LOOK = os.R_OK | os.X_OK
 _MADE = ("dataset_description.json", "report.json")
 """What an export, and an analysis, have in their folder."""
+_MOST_TEXT = 256 << 20
+"""Bytes of the largest text in which the code is looked for: the largest table of motion."""
+_MOST_SETTINGS = 4 << 20
 _TEXTS = {".csv", ".html", ".json", ".jsonl", ".log", ".md", ".svg", ".toml", ".tsv", ".txt"}
 
 
@@ -29,6 +35,7 @@ class Forgotten:
         shown_to: participants whose plans and recordings have her trials: she moves in them.
         mentioned: other files of the study in whose name or text the code is.
         beside: exports and results in the folder that the study is in, in whose files the code is, and copies of it.
+        unread: files of all these that could not be looked into, or are too large.
     """
 
     participant: str
@@ -36,6 +43,7 @@ class Forgotten:
     shown_to: tuple[str, ...]
     mentioned: tuple[str, ...]
     beside: tuple[str, ...]
+    unread: tuple[str, ...]
 
 
 def forget(study: Path, code: str) -> Forgotten:
@@ -61,28 +69,38 @@ def forget(study: Path, code: str) -> Forgotten:
                 f"cannot delete all of {folder}: {error.strerror or error} ({error.filename}); put that right, and "
                 f"forget {code} again"
             ) from None
-    mentions = _mentions(study, code)
+    mentions, unread = _mentions(study, code)
     others = {parts[1] for name in mentions if (parts := Path(name).parts)[0] == PARTICIPANTS and len(parts) > 2}
+    beside, unread_beside = _beside(study, code)
     return Forgotten(
         code, tuple(deleted), tuple(sorted(others)),
-        tuple(name for name in mentions if Path(name).parts[0] != PARTICIPANTS), tuple(_beside(study, code)),
+        tuple(name for name in mentions if Path(name).parts[0] != PARTICIPANTS), tuple(beside),
+        (*unread, *unread_beside),
     )  # fmt: skip
 
 
-def _beside(study: Path, code: str) -> list[str]:
+def _beside(study: Path, code: str) -> tuple[list[str], list[str]]:
     """Folders beside the study that one of our commands has written, copies of it among them, and in which the code
-    stands; not the results of another study, of which that code is somebody else."""
-    there = sorted(path for path in study.resolve().parent.iterdir() if path.is_dir() and path != study.resolve())
+    stands, not the results of another study, of which that code is somebody else; and files that were not read."""
+    whole = study.resolve()
+    # What nobody may look into, this program's user has not written.
+    there = [path for path in _entries(whole.parent) if path != whole and path.is_dir() and os.access(path, _LOOK)]
     made = [path for path in there if any((path / name).is_file() for name in _MADE) and not _of_another(path, study)]
-    copies = [path for path in there if (path / PARTICIPANTS / code).is_dir() and _same_protocol(path, study)]
-    return sorted({path.name for path in made if _mentions(path, code)} | {path.name for path in copies})
+    copies = {path.name for path in there if (path / PARTICIPANTS / code).is_dir() and _same_protocol(path, study)}
+    found = {path.name: _mentions(path, code) for path in made}
+    unread = [f"{name}/{file}" for name, (_, files) in sorted(found.items()) for file in files]
+    return sorted(copies | {name for name, (mentions, _) in found.items() if mentions}), unread
+
+
+def _entries(folder: Path) -> list[Path]:
+    return list(folder.iterdir()) if os.access(folder, _LOOK) else []
 
 
 def _of_another(results: Path, study: Path) -> bool:
     """Whether results say that they are of a study of another name."""
     try:
-        source = json.loads((results / "report.json").read_bytes()).get("source")
-    except (OSError, ValueError, AttributeError):
+        source = json.loads(read_bounded(results / "report.json", _MOST_TEXT)).get("source")
+    except (HighFiveError, OSError, ValueError, AttributeError, RecursionError):
         return False
     return isinstance(source, str) and Path(source).name != study.resolve().name
 
@@ -90,22 +108,28 @@ def _of_another(results: Path, study: Path) -> bool:
 def _same_protocol(copy: Path, study: Path) -> bool:
     """Whether a folder's protocol is the study's."""
     try:
-        return (copy / PROTOCOL).read_bytes() == (study / PROTOCOL).read_bytes()
-    except OSError:
+        copied, own = (read_bounded(folder / PROTOCOL, _MOST_SETTINGS) for folder in (copy, study))
+        return copied == own
+    except (HighFiveError, OSError):
         return False
 
 
-def _mentions(study: Path, code: str) -> list[str]:
+def _mentions(study: Path, code: str) -> tuple[list[str], list[str]]:
     """Files below the study in whose name, or text where they are texts, the code stands by itself; comments in TOML do
-    not count."""
+    not count. And texts that could not be read."""
     word = re.compile(rb"(?<![A-Za-z0-9])" + re.escape(code.encode()) + rb"(?![A-Za-z0-9])")
-    return sorted(
-        path.relative_to(study).as_posix()
-        for path in study.rglob("*")
-        if path.is_file() and (word.search(path.name.encode()) or (path.suffix in _TEXTS and word.search(_text(path))))
-    )
+    found: list[str] = []
+    unread: list[str] = []
+    for path in sorted(path for path in study.rglob("*") if os.path.isfile(path)):  # without rights: no file
+        name = path.relative_to(study).as_posix()
+        try:
+            if word.search(os.fsencode(path.name)) or (path.suffix in _TEXTS and word.search(_text(path))):
+                found.append(name)
+        except (HighFiveError, OSError):  # she is deleted already: what remains is said in any case
+            unread.append(name)
+    return found, unread
 
 
 def _text(path: Path) -> bytes:
-    content = path.read_bytes()
+    content = read_bounded(path, _MOST_TEXT)
     return re.sub(rb"(?m)^\s*#.*$", b"", content) if path.suffix == ".toml" else content

@@ -31,6 +31,7 @@ class LogContent:
         begun: number in the session -> trial, of all that began.
         finished: rows as they were written.
         marked: number in the session -> why it is asked again.
+        torn: what stands behind the last whole line, in words (:func:`torn_end`); empty where nothing does.
     """
 
     plan: Plan | None = None
@@ -39,6 +40,7 @@ class LogContent:
     begun: dict[int, str] | None = None
     finished: tuple[TrialRow, ...] = ()
     marked: dict[int, str] | None = None
+    torn: str = ""
 
     @property
     def asks(self) -> dict[int, str]:
@@ -68,6 +70,15 @@ def whole_lines(content: bytes) -> int:
     end = content.rfind(b"\n") + 1
     last = content[content.rfind(b"\n", 0, max(0, end - 1)) + 1 : end]
     return end if not last or _is_object(last) else end - len(last)
+
+
+def torn_end(content: bytes) -> str:
+    """What stands behind a log's whole lines, in words; empty where nothing does."""
+    rest = content[whole_lines(content) :]
+    if not rest:
+        return ""
+    zeros = "" if rest.strip(b"\0") else " of zeros"  # as a loss of power leaves them
+    return f"its end is torn ({len(rest)} byte{'' if len(rest) == 1 else 's'}{zeros})"
 
 
 def read_log(content: bytes, where: str) -> LogContent:

@@ -24,12 +24,15 @@ from highfive.hil.experiments.words import read_words
 from highfive.hil.sim.people.emotions import EMOTIONS
 from highfive.hil.sim.people.grid import CELLS
 from highfive.model.errors import HighFiveError
+from highfive.model.files import read_bounded_text
 from highfive.model.settings import Settings
 from highfive.model.toml_file import check_keys, is_list, number, read_toml, table, typed
 
 CODE = re.compile(r"(?=.*[0-9])[A-Za-z0-9]{2,12}")
 """A participant's: it stands in paths, so it is no name; a first name has no digit."""
 TEMPLATES = Path(__file__).with_name("templates")
+MOST_TEXT = 1 << 20
+"""Bytes of the longest instructions that are read."""
 MOST_TRIALS = 100
 """Of a block: longer ones are for nobody, and their orders too many to count."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,31}")
@@ -270,9 +273,11 @@ def _settings(kind: type[Value], data: Mapping[str, Any], name: str) -> Value:
 def _instructions(folder: Path) -> Mapping[str, str]:
     """Language -> Markdown, of files such as ``en.md``."""
     try:
-        texts = {path.stem: path.read_text(encoding="utf-8") for path in sorted(folder.glob("*.md"))}
+        texts = {path.stem: read_bounded_text(path, MOST_TEXT) for path in sorted(folder.glob("*.md"))}
     except (OSError, UnicodeDecodeError) as error:
         raise HighFiveError(f"cannot read the instructions in {folder}: {error}") from None
+    except HighFiveError as error:
+        raise HighFiveError(f"cannot read the instructions: {error}") from None
     for language, text in texts.items():
         if not (_LANGUAGE.fullmatch(language) and text.strip()):
             raise HighFiveError(f"instructions {folder}/{language}.md: expected a text, called as en.md or de-CH.md")

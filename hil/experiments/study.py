@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -23,9 +23,13 @@ from highfive.hil.experiments.protocol import Protocol
 from highfive.hil.experiments.protocol_file import CODE, TEMPLATES, read_protocol, templates
 from highfive.hil.experiments.words import words_toml
 from highfive.model.errors import HighFiveError
-from highfive.model.files import write_whole
+from highfive.model.files import read_bounded, write_whole
 
 PROTOCOL, PLANNED, INSTRUCTIONS = "protocol.toml", "planned.json", "instructions"
+_MOST_PLANNED = 16 << 20
+"""Bytes of ``planned.json`` that are read: the instructions in all languages are in it."""
+_DEEPEST = 20
+"""Tables and lists within each other: more than an experiment has."""
 _SHORT = 80
 """Characters of what a difference shows."""
 PARTICIPANTS, PLAN, LOG = "participants", "plan.toml", "trials.jsonl"
@@ -83,16 +87,16 @@ def check_planned(study: Path, protocol: Protocol) -> None:
         HighFiveError: it was; each difference is said.
     """
     path = study / PLANNED
-    if not path.is_file():  # of before 0.2.0
+    if not path.exists():  # of before 0.2.0
         return
     try:
-        before = json.loads(path.read_bytes())
-    except (OSError, ValueError) as error:
+        before = json.loads(read_bounded(path, _MOST_PLANNED))
+    except (OSError, ValueError, RecursionError) as error:
         raise HighFiveError(f"cannot read {path}: {error}; take it as highfive experiment plan wrote it") from None
     if not isinstance(before, dict):
         raise HighFiveError(f"{path} is nothing that highfive experiment plan wrote")
-    now, said = _flat(_planned(protocol)), []
-    for name, value in _flat(before).items():
+    now, said = dict(_flat(_planned(protocol))), []
+    for name, value in _flat(before):
         if name in now and now[name] != value:
             short = len(f"{value}{now[name]}") < _SHORT
             said.append(f"{name} was {value!r} and is {now[name]!r}" if short else f"{name} is another text")
@@ -108,18 +112,17 @@ def _planned(protocol: Protocol) -> dict[str, Any]:
     return json.loads(json.dumps(asdict(replace(protocol, participants=0, codes=())), default=str))
 
 
-def _flat(content: Any, name: str = "") -> dict[str, Any]:
-    """``timing.answer_s`` and so on, and how long lists are."""
+def _flat(content: Any, name: str = "", depth: int = 0) -> Iterator[tuple[str, Any]]:
+    """``timing.answer_s`` and so on, and how long lists are; what is nested deeper than an experiment is left out."""
     if isinstance(content, dict):
         parts = list(content.items())
     elif isinstance(content, list):
         parts = [("number", len(content)), *((str(place + 1), one) for place, one in enumerate(content))]
     else:
-        return {name: content}
-    found: dict[str, Any] = {}
-    for key, value in parts:
-        found |= _flat(value, f"{name}.{key}" if name else str(key))
-    return found
+        yield name, content
+        return
+    for key, value in parts if depth < _DEEPEST else ():
+        yield from _flat(value, f"{name}.{key}" if name else str(key), depth + 1)
 
 
 def stored_plan(study: Path, code: str) -> Plan:

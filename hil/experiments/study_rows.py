@@ -13,6 +13,7 @@ from typing import Any
 from highfive.hil.experiments.analysis.answers import Answer
 from highfive.hil.experiments.balance import PRACTICE
 from highfive.hil.experiments.exclusion import RATING, ExclusionRules
+from highfive.hil.experiments.log_content import LogContent
 from highfive.hil.experiments.protocol import ADAPTIVE, Mode, Protocol
 from highfive.hil.experiments.study import LOG, participant_folder, participants, study_protocol
 from highfive.hil.experiments.trial_log import read_session, session_number
@@ -38,6 +39,21 @@ class Excluded:
 
 
 @dataclass(frozen=True)
+class IncompleteLog:
+    """A session of whose trials some or all cannot be there; ``advice`` says what to do."""
+
+    participant: str
+    session: int
+    why: str
+    advice: str
+
+    @property
+    def line(self) -> str:
+        """All of it, for people."""
+        return f"log of {self.participant}, session {self.session}: {self.why}; {self.advice}"
+
+
+@dataclass(frozen=True)
 class StudyRows:
     """A study's trials.
 
@@ -46,6 +62,7 @@ class StudyRows:
         rows: all of them.
         counted: those that are compared.
         excluded: all others, with the reason.
+        incomplete: logs without a trial, or with a torn end.
         simulated: those compared are of simulated participants.
         software: versions that wrote them.
     """
@@ -56,6 +73,7 @@ class StudyRows:
     excluded: tuple[Excluded, ...]
     simulated: bool
     software: tuple[str, ...]
+    incomplete: tuple[IncompleteLog, ...] = ()
 
 
 def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
@@ -67,16 +85,18 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
             planned.
     """
     protocol = study_protocol(study)
-    rows = [
-        row
+    logs = [
+        (code, session, read_session(study, code, session))
         for code in participants(study)
-        for path in sorted(participant_folder(study, code).glob(f"session-*/{LOG}"), key=session_number)
-        for row in read_session(study, code, session_number(path)).rows
+        for session in sorted(map(session_number, participant_folder(study, code).glob(f"session-*/{LOG}")))
     ]
+    rows = [row for _, _, content in logs for row in content.rows]
+    incomplete = [IncompleteLog(code, session, *lacks) for code, session, log in logs if (lacks := _lacks(log))]
     for row in rows:
         _check_ratings(row, protocol)
     if not rows:
-        raise HighFiveError(f"{study} holds no answers; run the experiment first (highfive experiment run)")
+        said = "".join(f"; {one.line}" for one in incomplete)
+        raise HighFiveError(f"{study} holds no answers{said}; run the experiment first (highfive experiment run)")
     people = any(not row.simulated for row in rows)
     fillers = {block.name for block in protocol.blocks if block.filler}
     pilot = protocol.code(0) if protocol.needs_donor else ""
@@ -84,16 +104,28 @@ def study_rows(study: Path, rules: ExclusionRules | None = None) -> StudyRows:
     if rules is not None:
         _check_rules(rules, protocol, codes(study, protocol))
         _by_rules(rows, why, rules)
-    incomplete = _incomplete([row for row in rows if not why[row.row_key]])
+    one_condition = _of_one_condition([row for row in rows if not why[row.row_key]])
     for row in rows:
-        if not why[row.row_key] and row.participant in incomplete:
+        if not why[row.row_key] and row.participant in one_condition:
             why[row.row_key] = f"{row.participant} has only one condition so far"
     counted = [row for row in rows if not why[row.row_key]]
     excluded = [
         Excluded(row.participant, row.session, row.trial, row.ask, why[row.row_key]) for row in rows if why[row.row_key]
     ]
     versions = tuple(dict.fromkeys(row.software for row in rows))
-    return StudyRows(protocol, tuple(rows), tuple(counted), tuple(excluded), not people, versions)
+    return StudyRows(
+        protocol, tuple(rows), tuple(counted), tuple(excluded), not people, versions, tuple(incomplete)
+    )  # fmt: skip
+
+
+def _lacks(log: LogContent) -> tuple[str, str] | None:
+    """What cannot be there of a session's trials, and what to do; None where all that was written is there."""
+    resume, anew = (f"{way}, or take its log from a backup" for way in ("resume the session", "run the session anew"))
+    if log.plan is None:
+        return (f"no line of it is whole, {log.torn}" if log.torn else "it is empty"), anew
+    if not log.rows:
+        return f"no trial is over in it{log.torn and f', {log.torn}'}", resume
+    return (f"{log.torn} and left out", resume) if log.torn else None
 
 
 def codes(study: Path, protocol: Protocol) -> list[str]:
@@ -163,7 +195,7 @@ def _by_rules(rows: Sequence[TrialRow], why: dict[Key, str], rules: ExclusionRul
             why[row.row_key] = reason
 
 
-def _incomplete(rows: Sequence[TrialRow]) -> set[str]:
+def _of_one_condition(rows: Sequence[TrialRow]) -> set[str]:
     """People with one condition alone, where somebody has both: a study that still runs can be looked at."""
     there: dict[str, set[str]] = {}
     for row in rows:

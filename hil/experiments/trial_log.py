@@ -10,12 +10,12 @@ import json
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from highfive.hil.experiments import log_content
-from highfive.hil.experiments.log_content import LogContent, read_log, whole_lines
+from highfive.hil.experiments.log_content import LogContent, read_log, torn_end, whole_lines
 from highfive.hil.experiments.plan import Plan, PlannedTrial
 from highfive.hil.experiments.plan_file import difference
 from highfive.hil.experiments.protocol import ADAPTIVE
@@ -24,8 +24,11 @@ from highfive.hil.experiments.trial_row import Outcome, TrialRow
 from highfive.hil.runtime.clock import MACHINE, Clock, utc_ns
 from highfive.hil.runtime.folders import locked
 from highfive.model.errors import HighFiveError
+from highfive.model.files import read_bounded
 
 S = 1_000_000_000
+MOST_BYTES = 8 << 20
+"""Largest log that is read: a trial has a kilobyte."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class TrialLog:
         try:
             self._file = os.open(path, os.O_RDWR | os.O_APPEND | os.O_CREAT, 0o666)
             self._size = os.fstat(self._file).st_size
-            self._content = read_log(path.read_bytes(), str(path))
+            self._content = read_log(read_bounded(path, MOST_BYTES), str(path))
         except OSError as error:
             raise HighFiveError(f"cannot write the trial log {path}: {error.strerror or error}") from None
         try:
@@ -241,7 +244,7 @@ def open_log(
             raise HighFiveError(f"cannot open the trial log {path}: {error.strerror or error}") from None
         _check_begun(content, plan, head, resume, path)
         for other in sorted(participant_folder(study, head.participant).glob(f"session-*/{LOG}")):
-            _check_plan(read_log(_whole(other), str(other)), plan, other)
+            _check_plan(_read(other), plan, other)
         missing = missing_sources(study, plan, content)
         ready()
         try:
@@ -256,15 +259,15 @@ def open_log(
 
 
 def read_session(study: Path, code: str, session: int) -> LogContent:
-    """What a participant's session holds, also while it runs.
+    """What a participant's session holds, also while it runs; what a crash tore is left out, and said in ``torn``.
 
     Raises:
         HighFiveError: it has not begun, or its log is damaged.
     """
     path = session_folder(study, code, session) / LOG
-    if not path.is_file():
+    if not path.exists():
         raise HighFiveError(f"{code} has no session {session} in {study}")
-    content = read_log(_whole(path), str(path))
+    content = _read(path)
     if content.plan is not None and content.plan.participant != code:
         raise HighFiveError(f"{path} is of {content.plan.participant}, in the folder of {code}; move it where it was")
     if strange := [row for row in content.finished if row.session != session]:
@@ -283,7 +286,7 @@ def source_row(study: Path, log: TrialLog, name: str) -> TrialRow:
         rows = log.content.standing
     else:
         paths = sorted(participant_folder(study, code).glob(f"session-*/{LOG}"), key=session_number)
-        rows = [row for path in paths for row in read_log(_whole(path), str(path)).standing]
+        rows = [row for path in paths for row in _read(path).standing]
     found = [row for row in rows if row.trial == trial and not row.broken_off]
     if not found:
         raise HighFiveError(f"trial {name} is to be shown again, and is in no log; has its participant been deleted?")
@@ -312,8 +315,7 @@ def missing_sources(study: Path, plan: Plan, content: LogContent) -> frozenset[s
     there: set[str] = set()
     for code in {source.partition(":")[0] for source in wanted}:
         for path in participant_folder(study, code).glob(f"session-*/{LOG}"):
-            rows = read_log(_whole(path), str(path)).standing
-            there |= {f"{code}:{row.trial}" for row in rows if not row.broken_off}
+            there |= {f"{code}:{row.trial}" for row in _read(path).standing if not row.broken_off}
     seen = {row.source_trial for row in content.rows}
     if wanted and not wanted & (there | seen):
         code = min(wanted).partition(":")[0]
@@ -323,19 +325,19 @@ def missing_sources(study: Path, plan: Plan, content: LogContent) -> frozenset[s
     return frozenset(wanted - there)
 
 
-def _whole(path: Path) -> bytes:
+def _read(path: Path) -> LogContent:
     try:
-        content = path.read_bytes()
+        content = read_bounded(path, MOST_BYTES)
     except OSError as error:
         raise HighFiveError(f"cannot read the trial log {path}: {error.strerror or error}") from None
-    return content[: whole_lines(content)]
+    return replace(read_log(content[: whole_lines(content)], str(path)), torn=torn_end(content))
 
 
 def _looked_at(path: Path, told: list[str]) -> LogContent:
     """The log's content; what a crash left behind the last whole line goes into a file beside."""
-    if not path.is_file():
+    if not path.exists():
         return LogContent()
-    content = path.read_bytes()
+    content = read_bounded(path, MOST_BYTES)
     size = whole_lines(content)
     if size < len(content):
         number = 1 + len(list(path.parent.glob(f"{path.name}.torn-*")))

@@ -65,11 +65,14 @@ def questionnaires_table(result: dict[str, Any]) -> str:
 
 
 def excluded_table(result: dict[str, Any]) -> str:
-    """How many trials do not count, by reason; each of them is in the tidy table."""
+    """How many trials do not count, by reason, each of them in the tidy table; and logs in which trials are missing."""
     why = Counter(one["why"] for one in result.get("excluded", []))
-    return (
-        table(["reason", "trials"], [[reason, str(count)] for reason, count in why.most_common()], {0}) if why else ""
+    rows = [[reason, str(count)] for reason, count in why.most_common()]
+    lines = "".join(
+        f'<p class="warning">Log of {one["participant"]}, session {one["session"]}: {escape(one["why"])}.</p>'
+        for one in result.get("incomplete_logs", [])
     )
+    return (table(["reason", "trials"], rows, {0}) if rows else "") + lines
 
 
 def _figure(value: float | None) -> str:

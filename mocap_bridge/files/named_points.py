@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from highfive.mocap_bridge.files.recording import FARTHEST_M, Recording, make_recording
 from highfive.mocap_bridge.wire.plausible import spans
 from highfive.model.errors import HighFiveError
-from highfive.model.files import check_size
+from highfive.model.files import read_bounded
 from highfive.model.geometry.rotations import Array
 
 MAX_BYTES = 1 << 28
@@ -62,8 +62,7 @@ def read_text(path: Path) -> str:
         HighFiveError: it is not there, cannot be read, is empty, too large, or no text.
     """
     try:
-        check_size(path, MAX_BYTES)
-        content = path.read_bytes()
+        content = read_bounded(path, MAX_BYTES)
     except OSError as error:
         raise HighFiveError(f"cannot read {path}: {error.strerror}") from None
     if not content.strip():

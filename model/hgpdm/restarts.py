@@ -76,7 +76,12 @@ class _Memory:
             return
         if arrays is None:
             return
-        self.starts = [Start(**start) for start in json.loads(str(arrays["starts"]))]
+        try:
+            self.starts = [Start(**start) for start in json.loads(str(arrays["starts"]))]
+        except (ValueError, TypeError, KeyError, RecursionError) as error:
+            say(f"the checkpoint's seeds cannot be read ({type(error).__name__}); it is kept as "
+                f"{checkpoint.set_aside().name}, and training begins anew")  # fmt: skip
+            return
         if "best_point" in arrays:
             self.best = (int(arrays["best_seed"]), arrays["best_point"], arrays["best_trace"].tolist())
         if "point" in arrays:

@@ -159,10 +159,11 @@ def _data(found: StudyRows, rules: ExclusionRules | None) -> str:
     own = (
         f" The laboratory's rules were those of {rules.source} (SHA-256 {rules.digest}…)." if rules is not None else ""
     )
+    lost = "".join(f" Log of {one.participant}, session {one.session}: {one.why}." for one in found.incomplete)
     return (
         f"**Data.** Of {_n(len(found.rows), 'trial')} {len(found.counted)} are analysed. Not analysed, with the "
         "number of "
-        f"trials: {listed}.{own}"
+        f"trials: {listed}.{own}{lost}"
     )
 
 

@@ -108,7 +108,7 @@ def _events(rows: Sequence[TrialRow], markers: XdfStream) -> list[tuple[Any, ...
 def _is_contact(row: tuple[str, ...]) -> bool:
     try:
         said = json.loads(row[0])
-    except (ValueError, IndexError):
+    except (ValueError, IndexError, RecursionError):
         return False
     return isinstance(said, dict) and said.get("event") in CONTACTS
 

@@ -23,11 +23,11 @@ from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.people.role import RATE_HZ, ActorMotion
 from highfive.mocap_bridge.files.c3d import write_c3d
 from highfive.mocap_bridge.files.recording import Recording
-from highfive.mocap_bridge.files.trial_table import TABLE, table_bytes, write_table
+from highfive.mocap_bridge.files.trial_table import LARGEST_TABLE, TABLE, table_bytes, write_table
 from highfive.mocap_bridge.markers.marker_set import MarkerSet
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.errors import HighFiveError
-from highfive.model.files import leftovers, unfinished
+from highfive.model.files import leftovers, read_bounded, unfinished
 from highfive.model.geometry.rotations import Array
 
 PERSON_SET, AVATAR_SET = "paper", "full_body"
@@ -227,12 +227,12 @@ def _some(names: Sequence[str]) -> str:
 def _captured_before(folder: Path) -> set[str]:
     """Files that the table names, if it is to the byte the one that a capture writes; of any other table none."""
     try:
-        content = (folder / TABLE).read_bytes()
+        content = read_bounded(folder / TABLE, LARGEST_TABLE)
         rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"))))
         emotions = list(dict.fromkeys(row["emotion"] for row in rows))
         repetitions = {int(row["repetition"]) for row in rows}
         held_out = {int(row["repetition"]) for row in rows if row["split"] == "test"}
-    except (OSError, ValueError, KeyError, TypeError, csv.Error):
+    except (HighFiveError, OSError, ValueError, KeyError, TypeError, csv.Error):
         return set()
     if not set(emotions) <= set(EMOTIONS):
         return set()

@@ -125,7 +125,7 @@ def test_another_process_makes_the_same_files_bit_for_bit(tmp_path: Path) -> Non
         subprocess.run(program, cwd=tmp_path, env=environment, check=True, capture_output=True)
         study = tmp_path / f"study-{seed}"
         made.append({str(p.relative_to(study)): p.read_bytes() for p in sorted(study.rglob("*")) if p.is_file()})
-    assert len(made[0]) == 15 and made[0] == made[1]
+    assert len(made[0]) == 16 and made[0] == made[1]
     text = made[0]["figures/rates.svg"] + made[0]["figures/rates.pdf"]
     assert not re.search(rb"<dc:date>|/CreationDate", text)
 

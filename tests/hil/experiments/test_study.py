@@ -1,6 +1,7 @@
 """A study's folder: plans that stay as they were drawn, and people who are forgotten."""
 
 import json
+import os
 import shutil
 from dataclasses import asdict
 from pathlib import Path
@@ -8,7 +9,8 @@ from pathlib import Path
 import pytest
 from experiments import answer, head, protocol, study, written
 
-from highfive.hil.experiments.forget import forget
+from highfive.hil.commands.experiment_forget import print_forgotten
+from highfive.hil.experiments.forget import BEYOND, forget
 from highfive.hil.experiments.plan import draw_plan, draw_plans
 from highfive.hil.experiments.plan_file import difference, plan_of, plan_toml, read_plan
 from highfive.hil.experiments.protocol_file import TEMPLATES, read_protocol, templates
@@ -135,6 +137,29 @@ def test_who_is_forgotten_is_nowhere_but_where_it_is_said(tmp_path: Path) -> Non
     assert {path.name for path in left} == {"plan.toml", "plan.csv", "report.html", "other.html", "rules.toml"}
     with pytest.raises(HighFiveError, match="has no participant P01; it has P00, P02"):
         forget(folder, "P01")
+
+
+def test_whatever_lies_in_and_beside_a_study_what_remains_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = study(tmp_path)
+    (folder / "report.html").write_text("P01")
+    (folder / "zero.csv").symlink_to("/dev/zero")
+    os.mkfifo(folder / "pipe.txt")
+    with (folder / "large.csv").open("wb") as file:
+        file.truncate(300 << 20)
+    for name, content in (("results", "P01"), ("nested", "[" * 200_000 + " P01")):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "report.json").write_text(content)
+    os.mkfifo(tmp_path / "results" / "protocol.toml")
+    (tmp_path / "results" / "participants" / "P01").mkdir(parents=True)
+    (tmp_path / "results" / "more.csv").hardlink_to(folder / "large.csv")
+    found = forget(folder, "P01")
+    assert found.mentioned == ("report.html",) and found.beside == ("nested", "results")
+    assert found.unread == ("large.csv", "results/more.csv")
+    print_forgotten({**asdict(found), "study": "s", "picture": "", "beyond": BEYOND})
+    assert "Not looked into: large.csv, results/more.csv" in capsys.readouterr().out
+    assert not (folder / "participants" / "P01").exists()
 
 
 def test_nobody_is_forgotten_while_a_run_goes_on_or_by_a_path(tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import pytest
 from helpers.experiments import head, study
 
 from highfive.hil.commands.experiment_analyse import AnalyseOptions, analyse, print_analysis
+from highfive.hil.commands.export_study import export_study
 from highfive.hil.experiments.exclusion import read_rules
 from highfive.hil.experiments.study_rows import study_rows
 from highfive.hil.experiments.trial_log import open_log
@@ -252,6 +253,53 @@ def test_anothers_replays_are_compared_with_interaction_where_there_are_none_of_
     without = analyse(AnalyseOptions(None, study=made, exclude=rules))
     assert without["contrasts"] == result["contrasts"] and without["table"] is None
     assert "no replay trials: the source study's table compares" in without["lacking"]
+
+
+def test_nobody_vanishes_with_a_log_that_a_crash_left(
+    folder: Path, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Empty, of zeros, begun and no more, and torn after the first person's last row: each is said everywhere."""
+    caplog.set_level("INFO")
+    whole = analyse(AnalyseOptions(None, study=folder))
+    assert whole["incomplete_logs"] == [] and not caplog.messages
+    logs = {
+        code: folder / "participants" / code / "session-1" / "trials.jsonl" for code in ("P01", "P02", "P03", "P04")
+    }
+    content = logs["P01"].read_bytes()
+    for left, says in (
+        (b"", "it is empty"),
+        (bytes(4096), "no line of it is whole, its end is torn (4096 bytes of zeros)"),
+        (b"\n", "no line of it is whole, its end is torn (1 byte)"),
+    ):
+        logs["P03"].parent.mkdir(exist_ok=True)
+        logs["P03"].write_bytes(left)
+        (one,) = study_rows(folder).incomplete
+        assert (one.participant, one.session, one.why) == ("P03", 1, says)
+    with open_log(folder, head("P04"), resume=False):
+        pass
+    for rest in (b"}garbage\n", bytes(9), b'{"kind": '):
+        logs["P01"].write_bytes(content + rest)
+        result = analyse(AnalyseOptions(None, study=folder, out=tmp_path / "out", overwrite=True))
+        why = {one["participant"]: one["why"] for one in result["incomplete_logs"]}
+        assert list(why) == ["P01", "P03", "P04"] and why["P04"] == "no trial is over in it"
+        assert why["P01"].startswith("its end is torn (9 bytes") and result["trials"] == whole["trials"]
+        lines = [message for message in caplog.messages if message.startswith("log of P0")]
+        assert len(lines) == 3 and all(line.endswith("or take its log from a backup") for line in lines)
+        for name in ("report.html", "report.json", "methods.md"):
+            text = (tmp_path / "out" / name).read_text(encoding="utf-8")
+            assert all(reason in text for reason in why.values()), name
+        caplog.clear()
+    exported = export_study(folder, tmp_path / "bids", False, lambda label, total: lambda note="", done=None: None)
+    assert exported["participants"] == 2 and sum("log of P0" in message for message in caplog.messages) == 3
+
+
+def test_where_all_logs_are_lost_it_is_said_and_not_that_nothing_was_run(tmp_path: Path) -> None:
+    made = study(tmp_path)
+    log = made / "participants/P01/session-1/trials.jsonl"
+    log.parent.mkdir()
+    log.write_bytes(bytes(10))
+    with pytest.raises(HighFiveError, match=r"holds no answers; log of P01, session 1: no line of it is whole"):
+        study_rows(made)
 
 
 def test_people_are_left_out_by_what_of_theirs_counts(folder: Path, tmp_path: Path) -> None:

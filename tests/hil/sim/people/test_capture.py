@@ -1,18 +1,28 @@
 """The simulated capture: the same bytes for a seed, a whole table, and the defects that real captures have."""
 
 import csv
+import os
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from highfive.hil.sim.people.actors import PairTrial, simulate_pair
-from highfive.hil.sim.people.capture import CLEAN, Defects, _beside, capture, markers_of, record_pair, trial_seed
+from highfive.hil.sim.people.capture import (
+    CLEAN,
+    Defects,
+    _beside,
+    _captured_before,
+    capture,
+    markers_of,
+    record_pair,
+    trial_seed,
+)
 from highfive.hil.sim.people.grid import CELLS
 from highfive.hil.sim.people.role import RATE_HZ
 from highfive.mocap_bridge.files.c3d import read_c3d, write_c3d
 from highfive.mocap_bridge.files.recording import Recording
-from highfive.mocap_bridge.files.trial_table import COLUMNS, write_table
+from highfive.mocap_bridge.files.trial_table import COLUMNS, TABLE, write_table
 from highfive.mocap_bridge.markers.marker_set_file import load_marker_set
 from highfive.model.errors import HighFiveError
 
@@ -113,3 +123,16 @@ def test_what_a_killed_capture_left_is_cleared_and_told(tmp_path: Path, caplog: 
     log = caplog.text
     assert ".highfive-0123abcd-capture removed" in log and "which a killed capture left" in log
     assert {path.name for path in tmp_path.iterdir()} == others
+
+
+@pytest.mark.parametrize("kind", ["pipe", "device", "large"])
+def test_a_table_that_never_ends_is_none_of_a_capture(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / TABLE
+    if kind == "pipe":
+        os.mkfifo(path)
+    elif kind == "device":
+        path.symlink_to("/dev/zero")
+    else:
+        with path.open("wb") as file:
+            file.truncate(1 << 40)  # more than any memory
+    assert _captured_before(tmp_path) == set()

@@ -9,8 +9,8 @@ from typing import Any
 Row = Mapping[str, Any]
 
 BEFORE_MM = 60.0
-"""mm, for the median before correction, which is for the last centimetres. The shipped model keeps it with much room for
-people like those it was trained on (14 and 15 at seeds 0 and 7); others, and models of one's own, may not."""
+"""mm, for the median before correction, which is for the last centimetres. The shipped model keeps it with much room
+for people like those it was trained on (14 and 15 at seeds 0 and 7); others, and models of one's own, may not."""
 _LISTED = 3
 """Trials that a miss names, the worst first."""
 _MACHINE = (

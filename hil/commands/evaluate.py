@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -166,7 +167,7 @@ def _on_windows(path: Path, preset: Preset, options: EvaluateOptions, kept: Path
     most = windows.most_sequences(learn)
     counts = [n for n in sorted(set(options.learning_curve)) if n <= most] or [most]
     if options.learning_curve:
-        _say_left_out(options.learning_curve, counts, "action has", "sequences to learn from")
+        _say_left_out(options.learning_curve, counts, most, "sequences of an action")
     count = TrainingCount(bar, options.seeds * len(counts), say_aside)
 
     def scored(part: windows.Windows, seed: int, name: str) -> Scored:
@@ -204,13 +205,15 @@ def _check_counts(folds: Sequence[Fold], preset: Preset) -> None:
             raise HighFiveError(f"--learning-curve: {fold.name} gives {least}; leave that number out")
 
 
-def _say_left_out(asked: Sequence[int], used: Sequence[int], who: str, what: str) -> None:
+def _say_left_out(asked: Sequence[int], used: Sequence[int], most: int, what: str) -> None:
     if left := [str(count) for count in sorted(set(asked) - set(used))]:
-        say_aside(f"--learning-curve: no {who} {' or '.join(left)} {what}; the most is {used[-1]}")
+        say_aside(f"--learning-curve: {' and '.join(left)} left out; the most there is to learn from is {most} {what}")
 
 
 def _check_memory(lengths: Sequence[float], preset: Preset, options: EvaluateOptions) -> None:
-    checked_memory(lengths, preset, options.inducing, at_once=options.jobs)
+    each = options.seeds * max(1, len(set(options.learning_curve)))
+    at_once = options.jobs if options.leave_out else min(options.jobs, each)
+    checked_memory(lengths, preset, options.inducing, at_once=at_once)
 
 
 def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Path | None, bar: Bar) -> dict[str, Any]:
@@ -239,7 +242,8 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     parts = [draws(trials, options.learning_curve, seed) for seed in range(options.seeds)]
     if options.learning_curve:
         used = [int(fold.name.partition(" ")[0]) for fold in parts[0]]
-        _say_left_out(options.learning_curve, used, "style has", "trials to learn from")
+        styles = Counter(trial.emotion for trial in trials if not trial.test)
+        _say_left_out(options.learning_curve, used, max(styles.values()), "trials of a style")
         _check_counts([fold for drawn in parts for fold in drawn], preset)
     each = len(parts[0]) if options.learning_curve else trainings(folds, options.leave_out)
     count = TrainingCount(bar, options.seeds * each, say_aside)

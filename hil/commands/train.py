@@ -43,6 +43,9 @@ FEW = 10
 
 TRIALS_A_ROUND, MOST_ROUNDS = 27, 4
 """For so many trials each gesture that is no high five is simulated once in each emotion, up to so many times."""
+TOLD_M = 5e-4
+"""m; where further trials are foretold to bring less, in every draw, nothing is foretold."""
+
 CONVERGED = 1e-3
 """An objective that falls by no more, relatively, over the last tenth of the steps has converged."""
 
@@ -252,13 +255,15 @@ def _more_trials(pairs: Sequence[SolvedPair], seed: int) -> dict[str, list[float
     if len(counts) < 3:
         return {}
     further = further_trials(counts)
+    if max(high for _, _, high in gains(counts, errors, further)) < TOLD_M:  # a flat fit says nothing
+        return {}
     return {str(n): list(fall) for n, fall in zip(further, gains(counts, errors, further), strict=True)}
 
 
 def _advice(result: dict[str, Any]) -> str:
     measured = "evaluate DATA --learning-curve 3,5,10,20,40 measures it for the model"
     if not (more := result["more_trials"]):
-        return f"what more trials would bring cannot be told from so few; {measured}"
+        return f"what more trials would bring cannot be told from these; {measured}"
     falls = [
         f"{n} more a style bring the palm {100 * middle:.1f} cm nearer ({100 * low:.1f} to {100 * high:.1f})"
         for n, (middle, low, high) in more.items()

@@ -143,7 +143,9 @@ def _model(
 ) -> HGPDM:
     skeleton, data = avatar_skeleton().hash, training_set(trials, preset)
     layers = partial(training.train, trials, preset, None, inducing, seed, skeleton, progress, chain=avatar_arm())
-    path = _path(kept, "hgpdm", f"{preset!r} {inducing} {seed} {data.data_hash} {data.emotions}")
+    arms = hashlib.sha256(b"".join(trial.arm_points.tobytes() for trial in trials if trial.arm_points is not None))
+    key = f"{preset!r} {inducing} {seed} {data.data_hash} {data.emotions} {arms.hexdigest()}"
+    path = _path(kept, "hgpdm", key)
     if path is None:
         return layers()
     if path.is_file():

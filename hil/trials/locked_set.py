@@ -1,4 +1,4 @@
-"""The locked set: simulated people on whom nothing is ever chosen.
+"""The locked set: simulated people by whom no setting is chosen.
 
 Every setting, threshold and design of this project was chosen on others: seeds such as 0, 3, 5, 7, 101 and 202, bodies
 of 0.92 to 1.08 of the avatar's size with its proportions, 0.5 mm of marker noise, and markers that sit exactly where

@@ -208,6 +208,8 @@ class Responder:
             variance = _finite("hand covariance", covariance, (*HAND_SHAPE, 3)).diagonal(0, 1, 2).reshape(-1)
             if (least := min(variance.tolist())) < 0.0:
                 raise HighFiveError(f"a variance of {least:g} m² of the hand points; expected 0 or more")
+        if arm is not None and not isinstance(arm, ArmPoints):  # pyright: ignore[reportUnnecessaryIsInstance]
+            raise HighFiveError(f"the arm is a {type(arm).__name__}; expected ArmPoints(points, covariance)")
         if arm is not None and self._arm is not None:  # a model that sees the hand alone looks at nothing else
             points = _finite("arm points", arm.points, ARM_SHAPE)
             spread = _finite("arm covariance", arm.covariance, (*ARM_SHAPE, 3))

@@ -134,7 +134,7 @@ def test_the_summary_says_whether_it_converged_and_what_became_of_each_seed() ->
     assert "it has not settled: --iterations 180" in summary(result)[1]
     starts.append({"seed": 5, "steps": 9, "objective": -2.5, "failure": ""})
     assert "kept seed 5 of: seed 4 -2.000, seed 5 -2.500" in summary(result)[3]
-    assert "cannot be told from so few" in summary(result)[4]
+    assert "cannot be told from these" in summary(result)[4]
     result["more_trials"] = {"3": [0.012, 0.01, 0.02]}
     assert "3 more a style bring the palm 1.2 cm nearer (1.0 to 2.0)" in summary(result)[4]
 
@@ -237,7 +237,7 @@ def test_the_shipped_model_is_adapted_to_a_folder_and_says_what_moved(lab: Path,
     assert result["trials"] == moved["trials"] == 2 and moved["emotions"] == ["neutral"]
     assert load_model(out).emotions == load_model().emotions
     assert all(after < before for before, after in (moved["left_out"]["pose"], moved["left_out"]["palm"]))
-    assert "cannot be told from so few" in summary(result)[-1]
+    assert "cannot be told from these" in summary(result)[-1]
 
 
 @pytest.mark.slow(95)

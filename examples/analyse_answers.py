@@ -4,7 +4,7 @@
 
 The columns are those of a PsychoPy loop: ``participant``, ``condition`` (interactive or replay), ``emotion`` (shown)
 and ``key_resp.keys``. Without files eight people are simulated who are right in .85 and .70 of the trials: an effect of
-0.89 logit. One sees what is found of it; ``analysis/report.html`` has the figures.
+0.89 logit. One sees what is found of it; ``analysis/report.html`` has the figures. Takes 8 s.
 """
 
 import csv

@@ -1,7 +1,7 @@
 """The safety envelope between a program and the arm: a reference that is too fast is slowed, a silent servo stops it.
 
 The program asks for a jump of the waist by a radian, 120 rad/s. One sees what is sent instead, and which rule made it
-so; then, once the servos say nothing more, that the arm brakes, and why. No port is opened.
+so; then, once the servos say nothing more, that the arm brakes, and why. No port is opened. Takes 2 s.
 """
 
 import numpy as np

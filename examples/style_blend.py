@@ -1,6 +1,7 @@
 """One raised hand, met in four moods and in a blend of two: the whole tick, markers in, the avatar's pose out.
 
 One sees how fast the avatar's palm gets, how far it moves, and that it ends on the person's palm whatever the mood.
+Takes 7 s.
 """
 
 import numpy as np

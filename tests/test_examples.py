@@ -51,8 +51,9 @@ def test_there_are_ten_short_scripts_and_three_notebooks_and_all_are_listed_and_
     for name in SCRIPTS:
         text = (EXAMPLES / name).read_text()
         assert len(text.splitlines()) <= LONGEST_LINES
-        assert re.search(r"Takes \d+ s", text.split('"""')[1]), f"{name} does not say how long it takes"
-        assert f"[`{name}`]({name})" in listed and f'"{name}"' in here
+        said = re.search(r"Takes (\d+) s", text.split('"""')[1])
+        assert said, f"{name} does not say how long it takes"
+        assert re.search(rf"\[`{name}`\]\({name}\).*\| {said[1]} \|", listed) and f'"{name}"' in here
     for name in NOTEBOOKS:
         assert f"[`{name}.ipynb`]({name}.ipynb)" in listed
 

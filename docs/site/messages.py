@@ -17,7 +17,8 @@ _SHORTEST = 10  # letters; what is shorter is no message
 _MOST = 8  # texts of one f-string
 OF_THE_COMMAND_LINE = (
     "No such command '…'", "No such option: …", "Missing command", "Missing option '…'", "Missing argument '…'",
-    "Option '…' requires an argument", "Invalid value for '…': …", "… is not in the range …",
+    "Option '…' requires an argument", "Invalid value for '…': …",
+    "it should be less than or equal to …", "it should be greater than or equal to …",
     "it should be a valid integer, unable to parse string as an integer",
     "it should be a valid number, unable to parse string as a number", "Got unexpected extra argument (…)",
 )  # fmt: skip

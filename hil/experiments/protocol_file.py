@@ -279,7 +279,7 @@ def _instructions(folder: Path) -> Mapping[str, str]:
     except HighFiveError as error:
         raise HighFiveError(f"cannot read the instructions: {error}") from None
     for language, text in texts.items():
-        if not (_LANGUAGE.fullmatch(language) and text.strip()):
+        if not (_LANGUAGE.fullmatch(language) and text.strip() and "\0" not in text):
             raise HighFiveError(f"instructions {folder}/{language}.md: expected a text, called as en.md or de-CH.md")
     if not texts:
         raise HighFiveError(f"no instructions in {folder}; write at least en.md there, or de.md, …")

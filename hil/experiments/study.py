@@ -93,10 +93,10 @@ def check_planned(study: Path, protocol: Protocol) -> None:
         before = json.loads(read_bounded(path, _MOST_PLANNED))
     except (OSError, ValueError, RecursionError) as error:
         raise HighFiveError(f"cannot read {path}: {error}; take it as highfive experiment plan wrote it") from None
-    if not isinstance(before, dict):
-        raise HighFiveError(f"{path} is nothing that highfive experiment plan wrote")
     now, said = dict(_flat(_planned(protocol))), []
-    for name, value in _flat(before):
+    if not isinstance(before, dict) or now.keys().isdisjoint(was := dict(_flat(before))):
+        raise HighFiveError(f"{path} is nothing that highfive experiment plan wrote; take it as it was")
+    for name, value in was.items():
         if name in now and now[name] != value:
             short = len(f"{value}{now[name]}") < _SHORT
             said.append(f"{name} was {value!r} and is {now[name]!r}" if short else f"{name} is another text")

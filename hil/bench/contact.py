@@ -59,7 +59,7 @@ class ContactOptions:
     """What is measured: emotions and cells (empty: all), by whom, the seed of the simulated people, what it is compared
     with, where its map is drawn, whether the arm is given the exact place and time, as soon as it is given any, whether
     a picture that is there may be replaced, whether the rig plays in virtual time, which arm plays, and whether the
-    people are those of the locked set, on whom nothing was chosen, in place of those of a seed."""
+    people are those of the locked set in place of those of a seed."""
 
     emotions: tuple[str, ...] = ()
     cells: tuple[str, ...] = ()
@@ -194,7 +194,7 @@ def read_baseline(path: Path) -> dict[str, float]:
 
 def print_contact(result: Mapping[str, Any]) -> None:
     """The table and the figures, for people."""
-    whom = "people on whom nothing was chosen" if result["locked"] else f"seed {result['seed']}"
+    whom = "people of the locked set" if result["locked"] else f"seed {result['seed']}"
     print(f"{counted(result['high_fives'], 'high five')}, {whom}; error: plate (or palm) to palm where they touch")
     if result["gives_up"]:
         print(f"{result['arm']} gives up {result['gives_up']}")

@@ -133,7 +133,7 @@ def _row(subject: str, result: TrialResult) -> dict[str, Any]:
 def print_locked(result: Mapping[str, Any]) -> None:
     """The figures for people."""
     of, trials, people = result["locked_set"], result["trials"], len(result["by_subject"])
-    print(f"Locked set {of}: {trials} high fives of {people} simulated people on whom nothing was chosen")
+    print(f"Locked set {of}: {trials} high fives of {people} simulated people")
     print(f"{result['pairs_drawn']} pairs were drawn to have {trials} that can meet", end="")
     print(f"; none could: {', '.join(result['never_met'])}" if result["never_met"] else "")
     heads = ("true palm, first touch, mm", "closing speed, m/s", "before correction, mm")

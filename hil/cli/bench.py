@@ -121,7 +121,7 @@ def bench_contact(
         bool, typer.Option("--virtual", help="Let the rig play in virtual time: the same twice, whatever the machine.")
     ] = False,
     arm: Annotated[str, typer.Option(metavar="NAME", help="Which arm, or its folder (docs/arm.md).")] = "vx300s",
-    locked: Annotated[bool, typer.Option("--locked", help="Meet the people on whom nothing was ever chosen.")] = False,
+    locked: Annotated[bool, typer.Option("--locked", help="Meet the people of the locked set.")] = False,
     overwrite: OverwriteFile = False,
     seed: Seed = 0,
     json: Json = False,
@@ -324,7 +324,7 @@ def bench_locked(
     model: Annotated[Path | None, typer.Option(help="Model file (default: the one that comes with High Five).")] = None,
     json: Json = False,
 ) -> None:
-    """Play high fives of people on whom nothing was ever chosen: how far is the played palm from the true one?"""
+    """Play high fives of the locked set's people: how far is the played palm from the true one?"""
     _run(json, lambda bar: bench.locked(model, bar))
 
 

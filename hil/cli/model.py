@@ -156,7 +156,7 @@ def evaluate(
         bool, typer.Option("--no-false-starts", help="With a model: play no gestures that are no high five (minutes).")
     ] = False,
     locked: Annotated[
-        bool, typer.Option("--locked", help="Judge on simulated people on whom nothing was ever chosen.")
+        bool, typer.Option("--locked", help="Judge on the locked set: simulated people kept for that.")
     ] = False,
     learning_curve: Annotated[
         str | None,

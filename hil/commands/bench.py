@@ -215,7 +215,7 @@ def fuzz(
 
 
 def locked(file: Path | None, bar: Bar) -> Measured:
-    """People on whom nothing was chosen; see :mod:`highfive.hil.bench.locked`."""
+    """People of the locked set; see :mod:`highfive.hil.bench.locked`."""
     from highfive.hil.bench.locked import bench_locked, print_locked
     from highfive.model import DEFAULT_MODEL
 

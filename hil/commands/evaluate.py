@@ -299,7 +299,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
 
 
 def _locked_trials(bar: Bar) -> list[Trial]:
-    """The people on whom nothing is ever chosen, captured, tracked and solved as those of a data folder."""
+    """The people of the locked set, captured, tracked and solved as those of a data folder."""
     with TemporaryDirectory() as folder:
         write_locked(Path(folder), lambda total: bar("the locked set", total))
         pairs = load_trials(Path(folder), progress=lambda total: bar("solving the locked set", total))

@@ -95,13 +95,21 @@ def fit(
 
 def _adapted(prior: HGPDM, trials: Sequence[Trial], seed: int, kept: Path | None) -> HGPDM:
     data = training_set(trials, prior.preset)
-    path = _path(kept, "adapted", f"{prior.data_hash} {prior.settings} {ADAPTATION!r} {seed} {data.data_hash}")
+    weights = hashlib.sha256(prior.avatar.weights.tobytes()).hexdigest()  # two may have learned from one data set
+    key = f"{prior.data_hash} {prior.settings} {weights} {ADAPTATION!r} {seed} {data.data_hash} {_arms(trials)}"
+    path = _path(kept, "adapted", key)
     if path is not None and path.is_file():
         return load_model(path, prior.skeleton_hash)
     model, _ = adapt(prior, trials, seed)
     if path is not None:
         save_model(model, path)
     return model
+
+
+def _arms(trials: Sequence[Trial]) -> str:
+    """Digest of elbow, shoulder and head, which the data's own hash leaves out."""
+    points = (trial.arm_points.tobytes() for trial in trials if trial.arm_points is not None)
+    return hashlib.sha256(b"".join(points)).hexdigest()
 
 
 def fit_windows(
@@ -143,8 +151,7 @@ def _model(
 ) -> HGPDM:
     skeleton, data = avatar_skeleton().hash, training_set(trials, preset)
     layers = partial(training.train, trials, preset, None, inducing, seed, skeleton, progress, chain=avatar_arm())
-    arms = hashlib.sha256(b"".join(trial.arm_points.tobytes() for trial in trials if trial.arm_points is not None))
-    key = f"{preset!r} {inducing} {seed} {data.data_hash} {data.emotions} {arms.hexdigest()}"
+    key = f"{preset!r} {inducing} {seed} {data.data_hash} {data.emotions} {_arms(trials)}"
     path = _path(kept, "hgpdm", key)
     if path is None:
         return layers()

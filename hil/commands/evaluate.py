@@ -243,7 +243,7 @@ def _on_trials(folder: Path, preset: Preset, options: EvaluateOptions, kept: Pat
     if options.learning_curve:
         used = [int(fold.name.partition(" ")[0]) for fold in parts[0]]
         styles = Counter(trial.emotion for trial in trials if not trial.test)
-        _say_left_out(options.learning_curve, used, max(styles.values()), "trials of a style")
+        _say_left_out(options.learning_curve, used, max(styles.values(), default=0), "trials of a style")
         _check_counts([fold for drawn in parts for fold in drawn], preset)
     each = len(parts[0]) if options.learning_curve else trainings(folds, options.leave_out)
     count = TrainingCount(bar, options.seeds * each, say_aside)

@@ -254,10 +254,10 @@ def _more_trials(pairs: Sequence[SolvedPair], seed: int) -> dict[str, list[float
     counts, errors = proxy_curve([pair.trial for pair in pairs], seed)
     if len(counts) < 3:
         return {}
-    further = further_trials(counts)
-    if max(high for _, _, high in gains(counts, errors, further)) < TOLD_M:  # a flat fit says nothing
+    falls = gains(counts, errors, further := further_trials(counts))
+    if max(high for _, _, high in falls) < TOLD_M:  # a flat fit says nothing
         return {}
-    return {str(n): list(fall) for n, fall in zip(further, gains(counts, errors, further), strict=True)}
+    return {str(n): list(fall) for n, fall in zip(further, falls, strict=True)}
 
 
 def _advice(result: dict[str, Any]) -> str:
